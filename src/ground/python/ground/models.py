@@ -234,9 +234,7 @@ class Model(Shown):
     def save(self, path: Path, force: bool = False) -> "Model":
         """Writes its file; force: overwrites an existing one. Returns the model of that file.
         GroundError when it cannot be written."""
-        with files.new_file(os.fspath(path), force) as temporary:
-            with open(temporary, "w") as file:
-                file.write(self.format())
+        files.write_text(os.fspath(path), self.format(), force)
         return Model(self.core, os.fspath(path))
 
     def export(self, path: Path, to: Optional[str] = None, force: bool = False) -> "ExportedModel":

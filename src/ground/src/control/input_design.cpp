@@ -152,8 +152,7 @@ std::vector<Row> between(const PrbsBits& bits, double low, double high) {
 }
 
 bool canReverse(const ThrusterLayout& layout) {
-  const std::vector<Thruster>& all = layout.thrusters();
-  return std::any_of(all.begin(), all.end(), [](const Thruster& one) { return one.least < 0; });
+  return layout.any([](const Thruster& one) { return one.least < 0; });
 }
 
 /// Whether a design plays between a forward and a backward push, and not between off and on.

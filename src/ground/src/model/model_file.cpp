@@ -76,40 +76,9 @@ namespace {
 constexpr char kSchema[] = "ground/model/1";
 constexpr std::size_t kLargestFile = 1000000;  // [bytes]; a typical model has some thousand
 
-const ParameterInfo& inputMaxInfo() {
-  static const ParameterInfo info = [] {
-    ParameterInfo one;
-    one.name = "input_max";
-    one.unit = "-";
-    one.lower = std::numeric_limits<double>::min();
-    one.neutral = 1;
-    return one;
-  }();
-  return info;
-}
-
-const ParameterInfo& hullLengthInfo() {
-  static const ParameterInfo info = [] {
-    ParameterInfo one;
-    one.name = "length";
-    one.unit = "m";
-    one.lower = std::numeric_limits<double>::min();
-    one.neutral = 1;
-    return one;
-  }();
-  return info;
-}
-
-const ParameterInfo& voltsInfo() {
-  static const ParameterInfo info = [] {
-    ParameterInfo one;
-    one.name = "volts";
-    one.unit = "V";
-    one.lower = 0;
-    return one;
-  }();
-  return info;
-}
+const ParameterInfo kInputMax{"input_max", "-", "", 1, std::numeric_limits<double>::min()};
+const ParameterInfo kHullLength{"length", "m", "", 1, std::numeric_limits<double>::min()};
+const ParameterInfo kVolts{"volts", "V", "", 0, 0};
 
 /// A body as its keys see it. `listed`: its thrusters are listed, which gives l and the range of inputs.
 struct BodyText {
@@ -125,8 +94,8 @@ YamlKeys bodyKeys(const YamlReader& reader, BodyText& body) {
   YamlKeys keys(reader, body.listed ? "body with thrusters" : "body");
   for (std::size_t i = 0; i < bodyParameters().size(); ++i)
     if (!body.listed || bodyParameters()[i].name != "l") keys.parameter(bodyParameters()[i], body.values[i]);
-  if (!body.listed) keys.parameter(inputMaxInfo(), body.input_max).required("largest input of a thruster");
-  keys.parameter(voltsInfo(), body.volts)
+  if (!body.listed) keys.parameter(kInputMax, body.input_max).required("largest input of a thruster");
+  keys.parameter(kVolts, body.volts)
       .optional()
       .silentIf(body.volts == 0)
       .comment("V, voltage of the battery at which k holds");
@@ -136,7 +105,7 @@ YamlKeys bodyKeys(const YamlReader& reader, BodyText& body) {
           "position [m]: forward, to starboard; direction of the force [deg]: 0 forward, 90 to starboard",
           true);
   YamlKeys hull(reader, "hull", true);
-  hull.parameter(hullLengthInfo(), body.hull_length).required("length of the hull at the water [m]");
+  hull.parameter(kHullLength, body.hull_length).required("length of the hull at the water [m]");
   keys.map("hull", hull).silentIf(body.hull_length == 0).comment("m, of a craft on water");
   if (!body.listed) return keys;
   YamlKeys lift(reader, "lift", true);

@@ -89,12 +89,38 @@ const Key& strangest(const Ratio& ratio, const Body<double>& body) {
   }));
 }
 
+/// A unit in which a user may have typed a parameter of the body by mistake.
+struct MistakenUnit {
+  const char* key;   ///< the parameter
+  const char* name;  ///< of the unit
+  double factor;     ///< to SI
+};
+
+/// All units that are recognised.
+constexpr MistakenUnit kMistakenUnits[] = {
+    {"m", "g", 1e-3},
+    {"l", "cm", 1e-2},
+    {"l", "mm", 1e-3},
+    {"I_z", "g m^2", 1e-3},
+    {"I_z", "kg cm^2", 1e-4},
+    {"I_z", "kg mm^2", 1e-6},
+    {"I_z", "g cm^2", 1e-7},
+    {"I_z", "g mm^2", 1e-9},
+    {"X_u", "mN s/m", 1e-3},
+    {"Y_v", "mN s/m", 1e-3},
+    {"N_r", "mN m s", 1e-3},
+    {"N_r", "mN mm s", 1e-6},
+    {"k", "mN", 1e-3},
+    {"k", "grams of force", 9.81e-3},
+    {"input_max", "per cent", 1e-2},
+};
+
 /// The unit of a parameter whose conversion brings a ratio into its range, and nearest to its middle or, if
 /// the range has none, the parameter nearest to that of a typical craft. nullptr if there is none.
 const MistakenUnit* probableUnit(const Key& key, const Ratio& ratio, const Body<double>& body) {
   const MistakenUnit* best = nullptr;
   double least = kInfinity;
-  for (const MistakenUnit& unit : mistakenUnits()) {
+  for (const MistakenUnit& unit : kMistakenUnits) {
     Body<double> other = body;
     other.*key.place *= unit.factor;
     if (unit.key != std::string(key.name) || !sound(ratio, other)) continue;
@@ -132,27 +158,6 @@ Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& 
 }
 
 }  // namespace
-
-const std::vector<MistakenUnit>& mistakenUnits() {
-  static const std::vector<MistakenUnit> all = {
-      {"m", "g", 1e-3},
-      {"l", "cm", 1e-2},
-      {"l", "mm", 1e-3},
-      {"I_z", "g m^2", 1e-3},
-      {"I_z", "kg cm^2", 1e-4},
-      {"I_z", "kg mm^2", 1e-6},
-      {"I_z", "g cm^2", 1e-7},
-      {"I_z", "g mm^2", 1e-9},
-      {"X_u", "mN s/m", 1e-3},
-      {"Y_v", "mN s/m", 1e-3},
-      {"N_r", "mN m s", 1e-3},
-      {"N_r", "mN mm s", 1e-6},
-      {"k", "mN", 1e-3},
-      {"k", "grams of force", 9.81e-3},
-      {"input_max", "per cent", 1e-2},
-  };
-  return all;
-}
 
 std::vector<Implausibility> implausibilities(const Body<double>& given, const ThrusterLayout& layout) {
   Body<double> body = given;

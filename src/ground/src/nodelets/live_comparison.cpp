@@ -222,10 +222,7 @@ class LiveComparison : public Shell {
   }
 
   void watchChanges(double time, const RigidState<double>& state, const std_msgs::Header& header) {
-    if (config_.changes && changes_->measure(time, state)) publishChange(header);
-  }
-
-  void publishChange(const std_msgs::Header& header) {
+    if (!config_.changes || !changes_->measure(time, state)) return;
     const ChangeMonitor::Report& report = changes_->report();
     auto message = boost::make_shared<ground_msgs::CraftChange>();
     message->header = header;

@@ -239,10 +239,6 @@ class MocapState : public Shell {
     // With wrong axes, a turning craft seems to lean and to be upright in turn. It must not be
     // driven again as soon as it seems to be upright, unlike a craft that was lost.
     if (last_pose_ - leaned_ < upright_time_) return "the craft leaned too far a moment ago";
-    return wrongAge();
-  }
-
-  std::string wrongAge() const {
     if (max_age_ == 0 || std::abs(age()) <= max_age_) return "";
     return age() > 0 ? "the pose's stamp is too old: the clocks differ, or the network is slow"
                      : "the pose's stamp is ahead of time: the clocks differ";

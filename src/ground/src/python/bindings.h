@@ -15,6 +15,8 @@
 
 namespace ground {
 
+using pybind11::literals::operator""_a;
+
 /// Each adds the classes and functions of a library to the module. Call them in this order, because
 /// libraries use classes of earlier ones.
 void bindModel(pybind11::module_& module);

@@ -67,7 +67,7 @@ void defReferences(py::module_& module) {
           [](const ReferenceParams& params, const Model& model) {
             return infeasibility(*makeReference(params), model);
           },
-          py::arg("model"), "Why the craft cannot follow it exactly; empty if it can.")
+          "model"_a, "Why the craft cannot follow it exactly; empty if it can.")
       .def(
           "sample",
           [](const ReferenceParams& params, const std::vector<double>& times) {
@@ -77,7 +77,7 @@ void defReferences(py::module_& module) {
               return Eigen::RowVector2d(path->at(std::max(0.0, t)).p.transpose());
             });
           },
-          py::arg("times"), "Positions x, y [m] at `times` [s].");
+          "times"_a, "Positions x, y [m] at `times` [s].");
 }
 
 void defControllers(py::module_& module) {
@@ -130,15 +130,15 @@ void defRoom(py::module_& module) {
             requireFinite(point, "the point");
             return room.clearance(point);
           },
-          py::arg("point"), "Distance from the nearest wall [m], negative outside.");
-  module.def("load_room", &loadRoom, py::arg("path"));
-  module.def("parse_room", &parseRoom, py::arg("yaml"), py::arg("source"));
+          "point"_a, "Distance from the nearest wall [m], negative outside.");
+  module.def("load_room", &loadRoom, "path"_a);
+  module.def("parse_room", &parseRoom, "yaml"_a, "source"_a);
   module.def(
       "leaves_room",
       [](const ReferenceParams& params, const Room& room) {
         return leavesRoom(params, *makeReference(params), room);
       },
-      py::arg("reference"), py::arg("room"), "Why a reference does not fit into a room; empty if it fits.");
+      "reference"_a, "room"_a, "Why a reference does not fit into a room; empty if it fits.");
 }
 
 void defBound(py::module_& module) {
@@ -148,17 +148,17 @@ void defBound(py::module_& module) {
     pilot.swapController(controller, model);
     return fullAcceleration(pilot);
   };
-  module.def("full_acceleration", full, py::arg("model"),
+  module.def("full_acceleration", full, "model"_a,
              "Largest acceleration of a craft by its thrusters [m/s^2].");
   module.def(
       "fence_bound", [full](const Room& room, const Model& model) { return fenceBound(room, full(model)); },
-      py::arg("room"), py::arg("model"), "Speeds up to which nobody leaves a room, in words.");
+      "room"_a, "model"_a, "Speeds up to which nobody leaves a room, in words.");
   module.def(
       "largest_safe_speed",
       [full](const Room& room, const Model& model, double push, double blind, double thrust_error) {
         return largestSafeSpeed(room, full(model), {push, blind, thrust_error});
       },
-      py::arg("room"), py::arg("model"), py::arg("push"), py::arg("blind"), py::arg("thrust_error"),
+      "room"_a, "model"_a, "push"_a, "blind"_a, "thrust_error"_a,
       "Speed up to which the fence keeps a craft inside [m/s], 0 if none is certain. push: share of full "
       "thrust; blind: time without a pose [s]; thrust_error: share of the thrust.");
 }
@@ -176,8 +176,8 @@ void defDesigns(py::module_& module) {
       .def_readwrite("rows_per_bit", &DesignParams::rows_per_bit)
       .def(
           "take_thrusters",
-          [](DesignParams& params, const Model& model) { params.thrusters = model.thrusters; },
-          py::arg("model"), "Makes it a design for the thrusters of a model.");
+          [](DesignParams& params, const Model& model) { params.thrusters = model.thrusters; }, "model"_a,
+          "Makes it a design for the thrusters of a model.");
   py::class_<DesignInfo>(module, "DesignInfo", "Description of a design.")
       .def_readonly("name", &DesignInfo::name)
       .def_readonly("text", &DesignInfo::text)
@@ -200,7 +200,7 @@ void defDesigns(py::module_& module) {
             return rows;
           },
           "Time [s], inputs of the thrusters, lift.");
-  module.def("make_design", &makeDesign, py::arg("params"), py::arg("duration"));
+  module.def("make_design", &makeDesign, "params"_a, "duration"_a);
   py::class_<ReturnParams>(module, "ReturnParams", "Bursts and returns of an excitation in a room.")
       .def(py::init<>())
       .def_readwrite("burst", &ReturnParams::burst);
@@ -211,18 +211,13 @@ void defEffectUse(py::module_& module) {
       "effect_use",
       [](const std::string& kind, const Model& model) {
         const EffectUse use = effectUse(kind, model);
-        py::dict d;
-        d["used"] = use.used;
-        d["unused"] = use.unused;
-        d["remark"] = use.remark();
-        d["refusal"] = use.refusal;
-        return d;
+        return py::dict("used"_a = use.used, "unused"_a = use.unused, "remark"_a = use.remark(),
+                        "refusal"_a = use.refusal);
       },
-      py::arg("kind"), py::arg("model"),
+      "kind"_a, "model"_a,
       "How a kind of controller uses the model's effects: names of used and unused ones, a remark "
       "for users, and why it must not drive by the model (empty if it may).");
-  module.def("make_prbs", &makePrbs, py::arg("order"), py::arg("seed"),
-             "Bits (left, right) of a maximum-length sequence.");
+  module.def("make_prbs", &makePrbs, "order"_a, "seed"_a, "Bits (left, right) of a maximum-length sequence.");
 }
 
 }  // namespace

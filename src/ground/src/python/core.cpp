@@ -10,16 +10,13 @@
 
 namespace {
 
+using ground::operator""_a;
+
 pybind11::dict palette() {
   namespace colors = ground::palette;
-  pybind11::dict all;
-  all["measured"] = colors::kMeasured;
-  all["models"] = colors::kModels;
-  all["reference"] = colors::kReference;
-  all["thrusters"] = colors::kThrusters;
-  all["missing"] = colors::kMissing;
-  all["scale"] = colors::kScale;
-  return all;
+  return pybind11::dict("measured"_a = colors::kMeasured, "models"_a = colors::kModels,
+                        "reference"_a = colors::kReference, "thrusters"_a = colors::kThrusters,
+                        "missing"_a = colors::kMissing, "scale"_a = colors::kScale);
 }
 
 }  // namespace
@@ -37,7 +34,7 @@ PYBIND11_MODULE(_core, module) {
                                  std::to_string(EIGEN_MINOR_VERSION);
 
   module.attr("palette") = palette();
-  module.def("text_width", &ground::textWidth, pybind11::arg("text"),
+  module.def("text_width", &ground::textWidth, "text"_a,
              "Width of a line of text in rviz, relative to the height of its letters.");
 
   ground::bindModel(module);

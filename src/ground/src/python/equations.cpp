@@ -240,26 +240,21 @@ py::dict evaluate(const Model& given, const Eigen::MatrixXd& states, const Eigen
     const Measurement<double> seen = dynamics.measure(row.state);
     measured.row(i) << seen.eta.transpose(), seen.nu.transpose();
   }
-  py::dict result;
-  result["derivative"] = derivative;
-  result["step"] = step;
-  result["measure"] = measured;
-  result["delay"] = dynamics.inputDelay();
-  return result;
+  return py::dict("derivative"_a = derivative, "step"_a = step, "measure"_a = measured,
+                  "delay"_a = dynamics.inputDelay());
 }
 
 }  // namespace
 
 void bindEquations(py::module_& module) {
   module.def(
-      "equations", &equations, py::arg("model"),
+      "equations", &equations, "model"_a,
       "The equations of a model, effect by effect, as straight-line code. `operations`: name, label, places "
       "of the arguments, value (ground/model/symbol.h); `outputs`: places of what the equations give; "
       "`states`: names of the effects' states, and their `initial` values; `model`: with the effects that "
       "act. Raises ValueError for an effect that cannot be written down.");
   module.def(
-      "evaluate", &evaluate, py::arg("model"), py::arg("states"), py::arg("inputs"), py::arg("t"),
-      py::arg("dt"),
+      "evaluate", &evaluate, "model"_a, "states"_a, "inputs"_a, "t"_a, "dt"_a,
       "What equations() describes, computed by the core: `derivative` and `step` (n, 6 + k), `measure` "
       "(n, 6), `delay` [s]. A row of `states` has x, y, psi, u, v, r and the states of the effects that "
       "act; one of `inputs` the thrusters and the lift.");

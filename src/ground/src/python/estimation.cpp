@@ -35,15 +35,9 @@ Eigen::MatrixX3d planarRows(const AxisMapping& mapping, const Eigen::MatrixX3d& 
 py::list changesOf(const ChangeMonitor& monitor) {
   py::list all;
   for (const ChangeMonitor::Change& change : monitor.report().changes) {
-    py::dict d;
-    d["what"] = change.what;
-    d["since"] = change.since;
-    d["size"] = change.size;
-    d["lower"] = change.lower;
-    d["upper"] = change.upper;
-    d["parameters"] = change.parameters;
-    d["alternatives"] = change.alternatives;
-    all.append(d);
+    all.append(py::dict("what"_a = change.what, "since"_a = change.since, "size"_a = change.size,
+                        "lower"_a = change.lower, "upper"_a = change.upper,
+                        "parameters"_a = change.parameters, "alternatives"_a = change.alternatives));
   }
   return all;
 }
@@ -53,20 +47,20 @@ void bindChangeMonitor(py::module_& module) {
                             "Names what has changed of a craft while it flies, from its poses and commands.")
       .def(py::init(
                [](const Model& model) { return std::make_unique<ChangeMonitor>(model, ObserverParams()); }),
-           py::arg("model"))
+           "model"_a)
       .def(
           "command",
           [](ChangeMonitor& monitor, double time, const Eigen::VectorXd& thrusters, double lift) {
             monitor.command(time, thrusters, lift);
           },
-          py::arg("time"), py::arg("thrusters"), py::arg("lift"),
+          "time"_a, "thrusters"_a, "lift"_a,
           "Adds a command at a time [s]: an input for each thruster in the model's units, and lift, 0..1.")
       .def(
           "measure",
           [](ChangeMonitor& monitor, double time, const Vector3<double>& eta, const Vector3<double>& nu) {
             return monitor.measure(time, {eta, nu});
           },
-          py::arg("time"), py::arg("eta"), py::arg("nu"),
+          "time"_a, "eta"_a, "nu"_a,
           "Adds a measured pose (3,) and velocity (3,); returns whether the report was updated.")
       .def_property_readonly(
           "changes", &changesOf,
@@ -90,21 +84,18 @@ void bindChangeMonitor(py::module_& module) {
           },
           "Names of the parameters.")
       .def(
-          "information", &ChangeMonitor::information, py::arg("start"),
+          "information", &ChangeMonitor::information, "start"_a,
           "Fisher information (n, n) about jumps at a time [s], by the innovations since then, of eta, nu, a "
           "push (3), a bias (3), a tilt (2) and the parameters of a change; empty without innovations.")
-      .def("log_ratios", &ChangeMonitor::logRatios, "Log-likelihood ratio now of each explanation, by name.")
-      .def(
-          "changed_model", [](const ChangeMonitor& m) { return m.craft().apply(m.report().change); },
-          "The model with the named changes.");
+      .def("log_ratios", &ChangeMonitor::logRatios, "Log-likelihood ratio now of each explanation, by name.");
 }
 
 }  // namespace
 
 void bindEstimation(py::module_& module) {
   py::class_<AxisMapping>(module, "AxisMapping", "Converts between mocap frame and world_ned.")
-      .def(py::init<const std::string&, double>(), py::arg("axes") = AxisMapping::kOptiTrack,
-           py::arg("heading_offset") = 0.0)
+      .def(py::init<const std::string&, double>(), "axes"_a = AxisMapping::kOptiTrack,
+           "heading_offset"_a = 0.0)
       .def(
           "to_mocap",
           [](const AxisMapping& mapping, const Vector3<double>& eta, double height) {
@@ -114,15 +105,9 @@ void bindEstimation(py::module_& module) {
             mapping.toMocap(eta, height, p, q);
             return py::make_tuple(p, Eigen::Vector4d(q.x(), q.y(), q.z(), q.w()));
           },
-          py::arg("eta"), py::arg("height"), "Position and quaternion x, y, z, w in the mocap's frame.")
-      .def(
-          "to_planar",
-          [](const AxisMapping& mapping, const Eigen::Vector3d& p, const Eigen::Vector4d& xyzw) {
-            return mapping.toPlanar(p, Eigen::Quaterniond(xyzw(3), xyzw(0), xyzw(1), xyzw(2)));
-          },
-          py::arg("position"), py::arg("xyzw"), "x, y [m], psi [rad], or None.")
-      .def("to_planar_rows", &planarRows, py::arg("positions"), py::arg("xyzw"),
-           "The same of each row (n, 3), (n, 4); NaN in place of None.");
+          "eta"_a, "height"_a, "Position and quaternion x, y, z, w in the mocap's frame.")
+      .def("to_planar_rows", &planarRows, "positions"_a, "xyzw"_a,
+           "x, y [m], psi [rad] of each row (n, 3), (n, 4); NaN where there is none.");
 
   py::class_<EstimatorParams>(module, "EstimatorParams")
       .def(py::init<>())
@@ -140,18 +125,12 @@ void bindEstimation(py::module_& module) {
       "smooth",
       [](const std::vector<double>& stamps, const Eigen::MatrixX3d& eta, const EstimatorParams& params) {
         const SmoothedMotion motion = smooth(stamps, eta, params);
-        py::dict d;
-        d["eta"] = motion.eta;
-        d["nu"] = motion.nu;
-        d["nu_dot"] = motion.nu_dot;
-        d["used"] = motion.used;
-        d["starts"] = motion.starts;
-        return d;
+        return py::dict("eta"_a = motion.eta, "nu"_a = motion.nu, "nu_dot"_a = motion.nu_dot,
+                        "used"_a = motion.used, "starts"_a = motion.starts);
       },
-      py::arg("stamps"), py::arg("eta"), py::arg("params"),
-      "Velocities without delay from the poses of a whole recording.");
-  module.def("motion_likelihood", &motionLikelihood, py::arg("stamps"), py::arg("positions"),
-             py::arg("noise"), py::arg("jerk"), py::arg("max_gap"), py::arg("speed"),
+      "stamps"_a, "eta"_a, "params"_a, "Velocities without delay from the poses of a whole recording.");
+  module.def("motion_likelihood", &motionLikelihood, "stamps"_a, "positions"_a, "noise"_a, "jerk"_a,
+             "max_gap"_a, "speed"_a,
              "Log-likelihood of the positions of one axis under white noise and white jerk.");
 }
 

@@ -27,28 +27,15 @@ DisturbanceLevels levelsFromDict(const py::dict& d) {
 }
 
 py::dict toDict(const GreyBoxFit& fit) {
-  py::dict d;
-  d["point"] = fit.point;
-  d["log_likelihood"] = fit.log_likelihood;
-  d["log_posterior"] = fit.log_posterior;
-  d["by_run"] = fit.by_run;
   py::list trims;
-  for (const RunTrim& trim : fit.trims) {
-    py::dict t;
-    t["wrench"] = trim.wrench;
-    t["wrench_sigma"] = trim.wrench_sigma;
-    t["thrust"] = trim.thrust;
-    t["thrust_sigma"] = trim.thrust_sigma;
-    trims.append(t);
-  }
-  d["trims"] = trims;
-  d["information"] = fit.information;
-  d["scale"] = fit.scale;
-  d["parameters"] = toList(fit.parameters);
-  d["level_information"] = fit.level_information;
-  d["iterations"] = fit.iterations;
-  d["converged"] = fit.converged;
-  return d;
+  for (const RunTrim& trim : fit.trims)
+    trims.append(py::dict("wrench"_a = trim.wrench, "wrench_sigma"_a = trim.wrench_sigma,
+                          "thrust"_a = trim.thrust, "thrust_sigma"_a = trim.thrust_sigma));
+  return py::dict("point"_a = fit.point, "log_likelihood"_a = fit.log_likelihood,
+                  "log_posterior"_a = fit.log_posterior, "by_run"_a = fit.by_run, "trims"_a = trims,
+                  "information"_a = fit.information, "scale"_a = fit.scale,
+                  "parameters"_a = toList(fit.parameters), "level_information"_a = fit.level_information,
+                  "iterations"_a = fit.iterations, "converged"_a = fit.converged);
 }
 
 py::dict fitBox(const GreyBox& box, const GreyBoxPoint& start, const std::vector<std::string>& free,
@@ -77,33 +64,21 @@ py::list intervalsAt(const GreyBox& box, const GreyBoxPoint& point, const Eigen:
 py::dict scoresAt(const GreyBox& box, const GreyBoxPoint& point, const std::vector<std::string>& parameters,
                   double cap, double block, int threads) {
   const auto found = withoutGil([&] { return box.scores(point, parameters, cap, block, threads); });
-  py::dict d;
-  d["scale"] = found.scale;
-  d["score"] = found.score;
-  d["run"] = found.run;
-  d["information"] = found.information;
-  return d;
+  return py::dict("scale"_a = found.scale, "score"_a = found.score, "run"_a = found.run,
+                  "information"_a = found.information);
 }
 
 py::dict residualsAt(const GreyBox& box, const GreyBoxPoint& point, int run, double cap,
                      const OptionalMatrix& acting) {
   const auto found = withoutGil([&] { return box.residuals(point, run, cap, orEmpty(acting)); });
-  py::dict d;
-  d["whitened"] = found.whitened;
-  d["scored"] = found.scored;
-  d["states"] = found.states;
-  d["wrench"] = found.wrench;
-  d["constants"] = found.constants;
-  d["responses"] = found.responses;
-  return d;
+  return py::dict("whitened"_a = found.whitened, "scored"_a = found.scored, "states"_a = found.states,
+                  "wrench"_a = found.wrench, "constants"_a = found.constants,
+                  "responses"_a = found.responses);
 }
 
 py::dict smoothedAt(const GreyBox& box, const GreyBoxPoint& point, int run, double cap) {
   const auto found = withoutGil([&] { return box.smooth(point, run, cap); });
-  py::dict d;
-  d["wrench"] = found.wrench;
-  d["sigma"] = found.sigma;
-  return d;
+  return py::dict("wrench"_a = found.wrench, "sigma"_a = found.sigma);
 }
 
 py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run, std::vector<int> starts,
@@ -124,13 +99,9 @@ py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run, st
   const auto found = withoutGil([&] { return box.forecast(point, run, options); });
   py::list result;
   for (const Forecast& forecast : found) {
-    py::dict d;
-    d["first"] = forecast.first;
-    d["mean"] = forecast.mean;
-    d["deviation"] = forecast.deviation;
-    d["low"] = forecast.low;
-    d["high"] = forecast.high;
-    result.append(d);
+    result.append(py::dict("first"_a = forecast.first, "mean"_a = forecast.mean,
+                           "deviation"_a = forecast.deviation, "low"_a = forecast.low,
+                           "high"_a = forecast.high));
   }
   return result;
 }
@@ -142,7 +113,7 @@ void bindGreyBox(py::module_& module) {
       .def(py::init([](const Model& model, const py::dict& levels, std::vector<double> log_scales) {
              return GreyBoxPoint{model, levelsFromDict(levels), std::move(log_scales)};
            }),
-           py::arg("model"), py::arg("levels"), py::arg("log_scales") = std::vector<double>())
+           "model"_a, "levels"_a, "log_scales"_a = std::vector<double>())
       .def_readonly("model", &GreyBoxPoint::model)
       .def_property_readonly("levels", [](const GreyBoxPoint& p) { return levelsToDict(p.levels); })
       .def_readonly("log_scales", &GreyBoxPoint::log_scales);
@@ -150,27 +121,22 @@ void bindGreyBox(py::module_& module) {
       .def(py::init([](std::vector<RunData> runs, const Model& craft) {
              return GreyBox(std::move(runs), craft.body);
            }),
-           py::arg("runs"), py::arg("craft"))
-      .def("start", &GreyBox::start, py::arg("model"))
-      .def("fit", &fitBox, py::arg("start"), py::arg("free"), py::arg("levels") = true,
-           py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0, py::arg("warm") = false,
-           py::arg("max_iterations") = 60, py::arg("threads") = 1, py::arg("least_gain") = 0.01)
-      .def("intervals", &intervalsAt, py::arg("point"), py::arg("level_information"), py::arg("free"),
-           py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0, py::arg("threads") = 1)
-      .def("likelihood", &GreyBox::likelihood, py::arg("point"), py::arg("cap") = 25.0,
-           py::arg("block") = 1.0, py::arg("threads") = 1, py::call_guard<py::gil_scoped_release>())
-      .def("scores", &scoresAt, py::arg("point"), py::arg("parameters"), py::arg("cap") = 25.0,
-           py::arg("block") = 1.0, py::arg("threads") = 1)
-      .def("residuals", &residualsAt, py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,
-           py::arg("acting") = py::none())
-      .def("smooth", &smoothedAt, py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,
+           "runs"_a, "craft"_a)
+      .def("start", &GreyBox::start, "model"_a)
+      .def("fit", &fitBox, "start"_a, "free"_a, "levels"_a = true, "held"_a = std::vector<std::string>(),
+           "cap"_a = 25.0, "warm"_a = false, "max_iterations"_a = 60, "threads"_a = 1, "least_gain"_a = 0.01)
+      .def("intervals", &intervalsAt, "point"_a, "level_information"_a, "free"_a,
+           "held"_a = std::vector<std::string>(), "cap"_a = 25.0, "threads"_a = 1)
+      .def("likelihood", &GreyBox::likelihood, "point"_a, "cap"_a = 25.0, "block"_a = 1.0, "threads"_a = 1,
+           py::call_guard<py::gil_scoped_release>())
+      .def("scores", &scoresAt, "point"_a, "parameters"_a, "cap"_a = 25.0, "block"_a = 1.0, "threads"_a = 1)
+      .def("residuals", &residualsAt, "point"_a, "run"_a, "cap"_a = 25.0, "acting"_a = py::none())
+      .def("smooth", &smoothedAt, "point"_a, "run"_a, "cap"_a = 25.0,
            "The missing wrench X, Y [N], N [N m] and standard deviations, one row a sample.")
-      .def("forecast", &forecastFrom, py::arg("point"), py::arg("run"), py::arg("starts"),
-           py::arg("horizons"), py::arg("unknown_scale") = false,
-           py::arg("free") = std::vector<std::string>(), py::arg("information") = py::none(),
-           py::arg("scale") = std::vector<double>(), py::arg("part") = 0.9, py::arg("draws") = 99,
-           py::arg("velocity_noise") = py::make_tuple(0.0, 0.0, 0.0), py::arg("cap") = 25.0,
-           py::arg("seed") = 1,
+      .def("forecast", &forecastFrom, "point"_a, "run"_a, "starts"_a, "horizons"_a, "unknown_scale"_a = false,
+           "free"_a = std::vector<std::string>(), "information"_a = py::none(),
+           "scale"_a = std::vector<double>(), "part"_a = 0.9, "draws"_a = 99,
+           "velocity_noise"_a = py::make_tuple(0.0, 0.0, 0.0), "cap"_a = 25.0, "seed"_a = 1,
            "Predictions from samples of a run without later poses, each over a horizon [s]: first\n"
            "(sample), and mean, deviation, low and high (n, 6) of measured x, y [m], psi [rad],\n"
            "u, v [m/s], r [rad/s] from the start; the fraction `part` of the draws is between low\n"

@@ -86,26 +86,17 @@ RunData replaced(const RunData& run, const std::optional<std::vector<double>>& t
 py::array timesOf(const py::object& self) {
   const auto& run = self.cast<const RunData&>();
   py::array_t<double> times(static_cast<py::ssize_t>(run.times.size()), run.times.data(), self);
-  times.attr("setflags")(py::arg("write") = false);
+  times.attr("setflags")("write"_a = false);
   return std::move(times);
 }
 
 py::dict toDict(const FitResult& result) {
-  py::dict d;
-  d["model"] = result.model;
-  d["parameters"] = toList(result.parameters);
-  d["correlation"] = result.correlation;
-  d["condition"] = result.condition;
-  d["objective"] = result.objective;
-  d["initial"] = result.initial;
-  d["shifted"] = result.shifted;
-  d["width"] = result.width;
-  d["starts"] = result.starts;
-  d["starts_at_best"] = result.starts_at_best;
-  d["freedom"] = result.freedom;
-  d["iterations"] = result.iterations;
-  d["converged"] = result.converged;
-  return d;
+  return py::dict("model"_a = result.model, "parameters"_a = toList(result.parameters),
+                  "correlation"_a = result.correlation, "condition"_a = result.condition,
+                  "objective"_a = result.objective, "initial"_a = result.initial,
+                  "shifted"_a = result.shifted, "width"_a = result.width, "starts"_a = result.starts,
+                  "starts_at_best"_a = result.starts_at_best, "freedom"_a = result.freedom,
+                  "iterations"_a = result.iterations, "converged"_a = result.converged);
 }
 
 void defInertialData(py::module_& module) {
@@ -115,7 +106,7 @@ void defInertialData(py::module_& module) {
                        const Vector3<double>& noise, const Vector2<double>& place) {
              return InertialData{std::move(times), values, noise, place};
            }),
-           py::arg("times"), py::arg("values"), py::arg("noise"), py::arg("place"))
+           "times"_a, "values"_a, "noise"_a, "place"_a)
       .def_readonly("times", &InertialData::times, "[s], on the run's clock.")
       .def_readonly("values", &InertialData::values,
                     "Yaw rate [rad/s], specific force ahead and to starboard [m/s^2].")
@@ -135,8 +126,8 @@ void defRunScales(py::module_& module) {
       .def(py::init([](double max_gap, double linear_jerk, double angular_jerk, double window) {
              return One{max_gap, linear_jerk, angular_jerk, window};
            }),
-           py::arg("max_gap") = One().max_gap, py::arg("linear_jerk") = One().linear_jerk,
-           py::arg("angular_jerk") = One().angular_jerk, py::arg("window") = One().window)
+           "max_gap"_a = One().max_gap, "linear_jerk"_a = One().linear_jerk,
+           "angular_jerk"_a = One().angular_jerk, "window"_a = One().window)
       .def_readonly("max_gap", &One::max_gap, "Longest time between poses that is bridged [s].")
       .def_readonly("linear_jerk", &One::linear_jerk, "By which poses were smoothed [m/s^2.5].")
       .def_readonly("angular_jerk", &One::angular_jerk, "The same of the heading [rad/s^2.5].")
@@ -168,14 +159,13 @@ auto pickled() {
 
 void defRecording(py::module_& module) {
   py::class_<RunData>(module, "RunData", "A recording: measurements and commands on one clock.")
-      .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
-           py::arg("inputs"), py::arg("poses") = py::none(), py::arg("noise") = py::none(),
-           py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none(),
-           py::arg("inertial") = py::none(), py::arg("payload") = py::none(), py::arg("battery") = py::none(),
-           py::arg("scales") = RunScales())
-      .def("replaced", &replaced, py::kw_only(), py::arg("times") = py::none(), py::arg("eta") = py::none(),
-           py::arg("nu") = py::none(), py::arg("inputs") = py::none(), py::arg("poses") = py::none(),
-           py::arg("noise") = py::none(), py::arg("wrench") = py::none(), py::arg("inertial") = py::none(),
+      .def(py::init(&makeRun), "name"_a, "times"_a, "eta"_a, "nu"_a, "inputs"_a, "poses"_a = py::none(),
+           "noise"_a = py::none(), "drives"_a = std::vector<double>(), "wrench"_a = py::none(),
+           "inertial"_a = py::none(), "payload"_a = py::none(), "battery"_a = py::none(),
+           "scales"_a = RunScales())
+      .def("replaced", &replaced, py::kw_only(), "times"_a = py::none(), "eta"_a = py::none(),
+           "nu"_a = py::none(), "inputs"_a = py::none(), "poses"_a = py::none(), "noise"_a = py::none(),
+           "wrench"_a = py::none(), "inertial"_a = py::none(),
            "The run with other values; what is not given stays. Other times drop a known wrench.")
       .def_readonly("payload", &RunData::payload)
       .def_readonly("name", &RunData::name)
@@ -211,7 +201,7 @@ void defRecording(py::module_& module) {
       .def(py::init([](int run, int first, int last) {
              return Window{run, first, last};
            }),
-           py::arg("run"), py::arg("first"), py::arg("last"))
+           "run"_a, "first"_a, "last"_a)
       .def_readonly("run", &Window::run)
       .def_readonly("first", &Window::first)
       .def_readonly("last", &Window::last)
@@ -219,8 +209,8 @@ void defRecording(py::module_& module) {
                       [](const py::tuple& t) {
                         return Window{t[0].cast<int>(), t[1].cast<int>(), t[2].cast<int>()};
                       }));
-  module.def("cut_windows", &cutWindows, py::arg("run"), py::arg("run_index"), py::arg("start"),
-             py::arg("end"), py::arg("length"), py::arg("max_gap") = py::none());
+  module.def("cut_windows", &cutWindows, "run"_a, "run_index"_a, "start"_a, "end"_a, "length"_a,
+             "max_gap"_a = py::none());
 }
 
 void defSimulationError(py::module_& module) {
@@ -229,20 +219,17 @@ void defSimulationError(py::module_& module) {
       .value("thesis", FitOptions::Objective::kThesis);
   py::enum_<Target>(module, "Target").value("velocities", Target::kVelocities).value("poses", Target::kPoses);
   py::class_<SimulationError>(module, "SimulationError", "Simulation minus measurement.")
-      .def(py::init<std::vector<RunData>, std::vector<Window>, Target>(), py::arg("runs"), py::arg("windows"),
-           py::arg("target") = Target::kVelocities)
-      .def("sigma", &SimulationError::sigma, py::arg("run"))
+      .def(py::init<std::vector<RunData>, std::vector<Window>, Target>(), "runs"_a, "windows"_a,
+           "target"_a = Target::kVelocities)
+      .def("sigma", &SimulationError::sigma, "run"_a)
       .def(
           "simulate",
           [](const SimulationError& problem, const Model& model, FitOptions::Objective objective) {
             const auto simulation = withoutGil([&] { return problem.simulate(model, objective); });
-            py::dict d;
-            d["objective"] = problem.objective(simulation);
-            d["eta"] = simulation.eta;
-            d["nu"] = simulation.nu;
-            return d;
+            return py::dict("objective"_a = problem.objective(simulation), "eta"_a = simulation.eta,
+                            "nu"_a = simulation.nu);
           },
-          py::arg("model"), py::arg("objective") = FitOptions::Objective::kLeastSquares,
+          "model"_a, "objective"_a = FitOptions::Objective::kLeastSquares,
           "Simulates every window with the initial velocities that minimise the objective.")
       .def(
           "fit",
@@ -265,11 +252,10 @@ void defSimulationError(py::module_& module) {
             const auto result = withoutGil([&] { return problem.fit(model, options); });
             return toDict(result);
           },
-          py::arg("model"), py::arg("free"), py::arg("objective") = FitOptions::Objective::kLeastSquares,
-          py::arg("starts") = 1, py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("warm") = false,
-          py::arg("initial") = std::vector<Eigen::VectorXd>(),
-          py::arg("priors") = std::map<std::string, std::pair<double, double>>(),
-          py::arg("kept") = std::vector<std::string>());
+          "model"_a, "free"_a, "objective"_a = FitOptions::Objective::kLeastSquares, "starts"_a = 1,
+          "threads"_a = 0, "width"_a = 0.0, "warm"_a = false, "initial"_a = std::vector<Eigen::VectorXd>(),
+          "priors"_a = std::map<std::string, std::pair<double, double>>(),
+          "kept"_a = std::vector<std::string>());
 }
 
 void defPrediction(py::module_& module) {
@@ -278,12 +264,9 @@ void defPrediction(py::module_& module) {
       [](const Model& model, const RunData& run, const std::vector<Window>& windows,
          const Eigen::MatrixX3d& nu) {
         const auto simulation = withoutGil([&] { return predict(model, run, windows, nu); });
-        py::dict d;
-        d["eta"] = simulation.eta;
-        d["nu"] = simulation.nu;
-        return d;
+        return py::dict("eta"_a = simulation.eta, "nu"_a = simulation.nu);
       },
-      py::arg("model"), py::arg("run"), py::arg("windows"), py::arg("nu"),
+      "model"_a, "run"_a, "windows"_a, "nu"_a,
       "Simulates windows from the measured pose and the given velocity (a row each), without "
       "correction.");
 }
@@ -293,16 +276,9 @@ void defPrediction(py::module_& module) {
 py::list toList(const std::vector<FittedParameter>& parameters) {
   py::list list;
   for (const FittedParameter& p : parameters) {
-    py::dict d;
-    d["name"] = p.name;
-    d["unit"] = p.unit;
-    d["start"] = p.start;
-    d["value"] = p.value;
-    d["ci95"] = py::make_tuple(p.lower, p.upper);
-    d["deviation"] = p.deviation;
-    d["at_bound"] = p.at_bound;
-    d["identified"] = p.identified;
-    list.append(d);
+    list.append(py::dict("name"_a = p.name, "unit"_a = p.unit, "start"_a = p.start, "value"_a = p.value,
+                         "ci95"_a = py::make_tuple(p.lower, p.upper), "deviation"_a = p.deviation,
+                         "at_bound"_a = p.at_bound, "identified"_a = p.identified));
   }
   return list;
 }

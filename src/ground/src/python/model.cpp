@@ -5,7 +5,6 @@
 
 #include <Eigen/LU>
 #include <string>
-#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -23,14 +22,8 @@ namespace ground {
 namespace {
 
 py::dict describe(const ParameterInfo& info) {
-  py::dict d;
-  d["name"] = info.name;
-  d["unit"] = info.unit;
-  d["doc"] = info.doc;
-  d["neutral"] = info.neutral;
-  d["lower"] = info.lower;
-  d["upper"] = info.upper;
-  return d;
+  return py::dict("name"_a = info.name, "unit"_a = info.unit, "doc"_a = info.doc, "neutral"_a = info.neutral,
+                  "lower"_a = info.lower, "upper"_a = info.upper);
 }
 
 py::list describe(const std::vector<ParameterInfo>& infos) {
@@ -57,16 +50,10 @@ py::list describeThrusters(const Model& model) {
   const double scale = model.body.l / layout.lever();
   py::list list;
   for (const Thruster& one : layout.thrusters()) {
-    py::dict d;
-    d["name"] = one.name;
-    d["channel"] = one.channel;
-    d["position"] = py::make_tuple(scale * one.position.x(), scale * one.position.y());
-    d["direction"] = one.direction;
-    d["range"] = py::make_tuple(one.least, one.most);
-    d["gain"] = one.gain;
-    d["is_angle"] = one.isAngle();
-    d["on_off"] = one.on_off;
-    list.append(d);
+    list.append(py::dict("name"_a = one.name, "channel"_a = one.channel,
+                         "position"_a = py::make_tuple(scale * one.position.x(), scale * one.position.y()),
+                         "direction"_a = one.direction, "range"_a = py::make_tuple(one.least, one.most),
+                         "gain"_a = one.gain, "is_angle"_a = one.isAngle(), "on_off"_a = one.on_off));
   }
   return list;
 }
@@ -130,10 +117,7 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
   }
   if (!eta_out.allFinite() || !nu_out.allFinite())
     throw std::runtime_error("the model's motion is not finite");
-  py::dict d;
-  d["eta"] = eta_out;
-  d["nu"] = nu_out;
-  return d;
+  return py::dict("eta"_a = eta_out, "nu"_a = nu_out);
 }
 
 void defProvenance(py::module_& module) {
@@ -171,8 +155,7 @@ void defPayload(py::module_& module) {
       .def(py::init([](double mass, const std::pair<double, double>& place, double inertia) {
              return Payload{mass, {place.first, place.second}, inertia};
            }),
-           py::arg("mass") = 0.0, py::arg("place") = std::pair<double, double>(0, 0),
-           py::arg("inertia") = 0.0)
+           "mass"_a = 0.0, "place"_a = std::pair<double, double>(0, 0), "inertia"_a = 0.0)
       .def_readonly("mass", &Payload::mass, "[kg]")
       .def_readonly("place", &Payload::place, "Of its centre of mass: forward, to starboard [m].")
       .def_readonly("inertia", &Payload::inertia, "About its own centre of mass [kg m^2].")
@@ -218,7 +201,7 @@ void defModel(py::module_& module) {
           "is_pair", [](const Model& m) { return m.thrusters->isPair(); },
           "Whether the thrusters are a left and a right one, which model files do not list.")
       .def_property_readonly("hull_length", [](const Model& m) { return m.body.hull_length; })
-      .def("forces", &forcesOf, py::arg("inputs"),
+      .def("forces", &forcesOf, "inputs"_a,
            "The wrench of inputs (n, thrusters) without effects, over k and k l: X, Y, N (n, 3).")
       .def("copy", [](const Model& m) { return Model(m); })
       .def(
@@ -233,16 +216,16 @@ void defModel(py::module_& module) {
             return list;
           },
           "Name, unit, doc, neutral value and bounds of every parameter.")
-      .def("value", &Model::value, py::arg("parameter"))
-      .def("set_value", &Model::setValue, py::arg("parameter"), py::arg("value"))
-      .def("penalty", &Model::penalty, py::arg("parameters"),
+      .def("value", &Model::value, "parameter"_a)
+      .def("set_value", &Model::setValue, "parameter"_a, "value"_a)
+      .def("penalty", &Model::penalty, "parameters"_a,
            "Prior on the named parameters: W (n, n). The log-likelihood decreases by "
            "(x - x0)' W (x - x0)/2 at coordinates x, with neutral coordinates x0.")
       .def(
           "add_effect",
-          [](Model& m, const std::string& name) { m.addEffect(makeEffect(name, *m.thrusters)); },
-          py::arg("name"), "Adds an effect of the library at its neutral values.")
-      .def("remove_effect", &Model::removeEffect, py::arg("name"))
+          [](Model& m, const std::string& name) { m.addEffect(makeEffect(name, *m.thrusters)); }, "name"_a,
+          "Adds an effect of the library at its neutral values.")
+      .def("remove_effect", &Model::removeEffect, "name"_a)
       .def("format", &formatModel, "The model file's text.")
       .def(py::pickle([](const Model& m) { return formatModel(m); },
                       [](const std::string& text) { return parseModel(text, "a pickle"); }));
@@ -250,12 +233,12 @@ void defModel(py::module_& module) {
 
 void defFiles(py::module_& module) {
   module.def(
-      "load_model", [](const std::string& path) { return loadModel(path); }, py::arg("path"));
+      "load_model", [](const std::string& path) { return loadModel(path); }, "path"_a);
   module.def(
-      "time_scale", &timeScale, py::arg("model"),
+      "time_scale", &timeScale, "model"_a,
       "Time [s] in which full thrust moves a craft by some lengths or turns it round, rounded: 1 s for a "
       "palm-sized hovercraft, 10 s for a free-flyer.");
-  module.def("rounded_time", &roundedTime, py::arg("seconds"),
+  module.def("rounded_time", &roundedTime, "seconds"_a,
              "The nearest of 1, 2 and 5 times a power of ten [s].");
   module.def(
       "load_model_with_warnings",
@@ -264,19 +247,11 @@ void defFiles(py::module_& module) {
         Model model = loadModel(path, &warnings);
         return std::make_pair(std::move(model), warnings);
       },
-      py::arg("path"), "The model, and a warning for each implausible value.");
-  module.def(
-      "mistaken_units",
-      [] {
-        std::vector<std::tuple<std::string, std::string, double>> found;
-        for (const MistakenUnit& unit : mistakenUnits()) found.emplace_back(unit.key, unit.name, unit.factor);
-        return found;
-      },
-      "Parameters of the body, units in which they may be typed by mistake, and factors to SI.");
-  module.def("parse_model", &parseModel, py::arg("text"), py::arg("source"));
-  module.def("with_effect", &withEffect, py::arg("model"), py::arg("text"), py::arg("source"),
+      "path"_a, "The model, and a warning for each implausible value.");
+  module.def("parse_model", &parseModel, "text"_a, "source"_a);
+  module.def("with_effect", &withEffect, "model"_a, "text"_a, "source"_a,
              "A copy of the model with the effect in this text added.");
-  module.def("read_effect_file", &readEffectFile, py::arg("path"));
+  module.def("read_effect_file", &readEffectFile, "path"_a);
 }
 
 void defEffects(py::module_& module) {
@@ -288,16 +263,13 @@ void defEffects(py::module_& module) {
         for (const std::string& name : effectNames(layout)) {
           const EffectPtr effect = makeEffect(name, layout);
           const EffectInfo& info = effect->info();
-          py::dict d;
-          d["summary"] = info.summary;
-          d["parameters"] = describe(info.parameters);
-          d["opt_in"] = info.opt_in;
-          d["surroundings"] = nameOf(info.surroundings);
-          all[py::str(name)] = d;
+          all[py::str(name)] =
+              py::dict("summary"_a = info.summary, "parameters"_a = describe(info.parameters),
+                       "opt_in"_a = info.opt_in, "surroundings"_a = nameOf(info.surroundings));
         }
         return all;
       },
-      py::arg("model") = py::none(),
+      "model"_a = py::none(),
       "The effects of the library by name; with a model also those of its single thrusters. A diagnosis "
       "tries those with `opt_in` only if the user "
       "names them. `surroundings`: where a craft must be for the effect to act: any, floor, lift (a floor, "
@@ -306,9 +278,9 @@ void defEffects(py::module_& module) {
 }
 
 void defSimulation(py::module_& module) {
-  module.def("simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"), py::arg("eta"),
-             py::arg("nu"), py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none(),
-             py::arg("room") = py::none(), py::arg("payload") = Payload(), py::arg("battery") = py::none(),
+  module.def("simulate", &simulateRun, "model"_a, "inputs"_a, "times"_a, "eta"_a, "nu"_a,
+             "drives"_a = std::vector<double>(), "wrench"_a = py::none(), "room"_a = py::none(),
+             "payload"_a = Payload(), "battery"_a = py::none(),
              "Simulated measurements of pose and velocity at `times` [s] from a true initial state. Raises "
              "RuntimeError if the motion is not finite. "
              "`inputs`: rows of time, an input for each thruster, lift. `drives`: starts of drives [s]; if "
@@ -316,7 +288,7 @@ void defSimulation(py::module_& module) {
              "follow from the lift. `wrench`: additional X, Y [N], N [N m], each row until the next time; "
              "none by default. `room`: additional force x, y [N] along the axes of the room (world_ned). "
              "`payload`: what the craft carries. `battery`: rows of time [s], voltage [V].");
-  module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"), py::arg("records") = py::none(),
+  module.def("drive_starts", &driveStarts, "times"_a, "lift"_a, "records"_a = py::none(),
              "Starts of drives [s], the origins of the model's t, from commands in order of time "
              "and from records (k, 2): began and as_of, in order. Empty without any lift.");
 }

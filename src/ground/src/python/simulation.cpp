@@ -14,25 +14,24 @@ namespace ground {
 namespace {
 
 py::dict toDict(const ExperimentLog& log) {
-  py::dict d;
-  d["frames"] = toRows(log.frames, 5, [](const MocapFrame& f) {
+  const auto frames = toRows(log.frames, 5, [](const MocapFrame& f) {
     return (Eigen::RowVectorXd(5) << f.captured, f.delivered, f.eta.transpose()).finished();
   });
   const int thrusters = log.commands.empty() ? 2 : log.commands.front().thrusters.size();
-  d["commands"] = toRows(log.commands, 2 + thrusters, [](const ExperimentLog::Command& c) {
+  const auto commands = toRows(log.commands, 2 + thrusters, [](const ExperimentLog::Command& c) {
     return inputRow(c.time, c.thrusters, c.lift);
   });
-  d["truth"] = toRows(log.truth, 14, [](const ExperimentLog::Truth& t) {
+  const auto truth = toRows(log.truth, 14, [](const ExperimentLog::Truth& t) {
     return (Eigen::RowVectorXd(14) << t.time, t.state.eta.transpose(), t.state.nu.transpose(),
             t.nu_dot.transpose(), t.wrench.transpose(), t.voltage)
         .finished();
   });
-  d["references"] = toRows(log.references, 9, [](const ExperimentLog::Reference& r) {
+  const auto references = toRows(log.references, 9, [](const ExperimentLog::Reference& r) {
     return (Eigen::RowVectorXd(9) << r.time, r.point.p.transpose(), r.point.p_dot.transpose(),
             r.point.p_ddot.transpose(), r.point.p_dddot.transpose())
         .finished();
   });
-  d["decisions"] = toRows(log.decisions, 3 + 2 * thrusters, [](const ReferencePilot::Decision& made) {
+  const auto decisions = toRows(log.decisions, 3 + 2 * thrusters, [](const ReferencePilot::Decision& made) {
     return (Eigen::RowVectorXd(3 + 2 * made.inputs.size()) << made.now, made.stamp, made.computing,
             asVector(made.inputs).transpose(), asVector(made.wanted).transpose())
         .finished();
@@ -40,18 +39,16 @@ py::dict toDict(const ExperimentLog& log) {
   py::list marks;
   for (const ExcitationPilot::Mark& mark : log.marks)
     marks.append(py::make_tuple(mark.time, mark.number, mark.burst, mark.reason));
-  d["marks"] = marks;
   py::list stages;
   for (const ExperimentLog::Stage& stage : log.stages)
     stages.append(py::make_tuple(stage.time, nameOf(stage.state), stage.reason));
-  d["stages"] = stages;
   py::list changes;
   for (const ExperimentLog::Change& change : log.changes)
     changes.append(py::make_tuple(change.time, change.text, change.parameters));
-  d["changes"] = changes;
-  d["stopped"] = log.stopped;
-  d["stopped_at"] = log.stopped_at;
-  return d;
+  return py::dict("frames"_a = frames, "commands"_a = commands, "truth"_a = truth,
+                  "references"_a = references, "decisions"_a = decisions, "marks"_a = marks,
+                  "stages"_a = stages, "changes"_a = changes, "stopped"_a = log.stopped,
+                  "stopped_at"_a = log.stopped_at);
 }
 
 /// A craft whose motion is written in Python.
@@ -107,10 +104,10 @@ void defPlant(py::module_& module) {
             for (int i = 0; i < inputs.size(); ++i) inputs(i) = thrusters(i);
             plant.command(inputs, lift);
           },
-          py::arg("thrusters"), py::arg("lift"),
+          "thrusters"_a, "lift"_a,
           "The craft receives a command at the current time: an input for each thruster, in the "
           "model's units, and lift, 0..1.")
-      .def("advance", &Plant::advance, py::arg("time"),
+      .def("advance", &Plant::advance, "time"_a,
            "Moves the craft to a time of the experiment's clock [s], which begins at 0.")
       .def(
           "state", [](const Plant& plant) { return toTuple(plant.state()); },
@@ -156,9 +153,9 @@ void defExperiment(py::module_& module, const char* name, const char* params_nam
         const auto log = withoutGil([&] { return run(model, believed, drive, params); });
         return toDict(log);
       },
-      py::arg("model"), py::arg("believed"), py::arg(params_name), py::arg("eta"), py::arg("nu"),
-      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(), py::arg("plant") = nullptr,
-      py::arg("battery") = std::make_pair(0.0, 1.0), py::arg("hazards") = Hazards(), doc);
+      "model"_a, "believed"_a, py::arg(params_name), "eta"_a, "nu"_a, "mocap"_a, "seed"_a,
+      "disturbance"_a = Disturbance(), "plant"_a = nullptr, "battery"_a = std::make_pair(0.0, 1.0),
+      "hazards"_a = Hazards(), doc);
 }
 
 void defParams(py::module_& module) {
@@ -235,9 +232,8 @@ void defExperiments(py::module_& module) {
         const auto log = withoutGil([&] { return playSchedule(model, inputs, duration, params); });
         return toDict(log);
       },
-      py::arg("model"), py::arg("schedule"), py::arg("duration"), py::arg("eta"), py::arg("nu"),
-      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(), py::arg("plant") = nullptr,
-      py::arg("battery") = std::make_pair(0.0, 1.0),
+      "model"_a, "schedule"_a, "duration"_a, "eta"_a, "nu"_a, "mocap"_a, "seed"_a,
+      "disturbance"_a = Disturbance(), "plant"_a = nullptr, "battery"_a = std::make_pair(0.0, 1.0),
       "Simulates craft and mocap under rows of time, an input for each thruster, lift. Returns frames "
       "(captured, delivered, x, y, psi), commands (such rows), truth (time, eta, nu, "
       "nu_dot, wrench of the disturbance, voltage). battery: its endurance at full power [s], 0 for none, "
@@ -274,7 +270,7 @@ void bindSimulation(py::module_& module) {
   defPlant(module);
   defHazards(module);
   defExperiments(module);
-  module.def("sense", &sense, py::arg("nu"), py::arg("nu_dot"), py::arg("seed"),
+  module.def("sense", &sense, "nu"_a, "nu_dot"_a, "seed"_a,
              "What a simulated gyro and accelerometer tell of a motion (n, 3), in the flight controller's "
              "units: yaw rate, acceleration ahead and to starboard.");
 }

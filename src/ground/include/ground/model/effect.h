@@ -32,7 +32,7 @@ struct ParameterInfo {
   double lower = -std::numeric_limits<double>::infinity();
   double upper = std::numeric_limits<double>::infinity();
   /// Typical size of the effect's coordinate on the given craft; solvers scale by it.
-  std::function<double(const Body<double>&)> scale;
+  std::function<double(const Body<double>&)> scale = nullptr;
   Coordinate coordinate = Coordinate::kValue;
 
   double toCoordinate(double value) const;
@@ -56,18 +56,18 @@ struct EffectInfo {
   std::string name;
   std::string summary;
   std::vector<ParameterInfo> parameters;
-  int states = 0;  ///< number of states of the effect
-  /// Their values before the first command; empty means all zero.
-  std::vector<double> initial = {};
+  int states = 0;               ///< number of states of the effect
+  int states_per_thruster = 0;  ///< additional states for each thruster of the craft
+  /// Whether a craft can have the effect; an empty function means that all can.
+  std::function<bool(const ThrusterLayout&)> suits = nullptr;
   /// A diagnosis tries the effect only if the user names it, because it has many parameters.
   bool opt_in = false;
+  /// Values of the states before the first command; empty means all zero.
+  std::vector<double> initial = {};
   /// Gaussian prior on the parameters: a symmetric, positive semidefinite matrix W with a row for
   /// each parameter. The log-likelihood decreases by (x - x0)' W (x - x0)/2 at coordinates x, with
   /// neutral coordinates x0. An empty function means no prior.
   std::function<Eigen::MatrixXd(const Body<double>&)> penalty = nullptr;
-  int states_per_thruster = 0;  ///< additional states for each thruster of the craft
-  /// Whether a craft can have the effect; an empty function means that all can.
-  std::function<bool(const ThrusterLayout&)> suits = nullptr;
   Surroundings surroundings = Surroundings::kAny;
 
   int stateCount(int thrusters) const { return states + thrusters * states_per_thruster; }

@@ -15,16 +15,6 @@ struct Implausibility {
   bool refused = false;  ///< the thrusters could not move the craft, or would tear it apart
 };
 
-/// A unit in which a user may have typed a parameter of the body by mistake.
-struct MistakenUnit {
-  const char* key;   ///< the parameter
-  const char* name;  ///< of the unit
-  double factor;     ///< to SI
-};
-
-/// All units that are recognised.
-const std::vector<MistakenUnit>& mistakenUnits();
-
 /// The implausible values of a craft; empty for a plausible craft.
 ///
 /// The check uses ratios of the body's parameters that are similar for all crafts of 0.02 to 50 kg,

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <memory>
@@ -110,6 +111,11 @@ class ThrusterLayout {
   int size() const { return static_cast<int>(thrusters_.size()); }
   const std::vector<Thruster>& thrusters() const { return thrusters_; }
   const Thruster& operator[](int i) const { return thrusters_[static_cast<std::size_t>(i)]; }
+  /// Whether `holds` is true of some thruster.
+  template <typename Predicate>
+  bool any(Predicate holds) const {
+    return std::any_of(thrusters_.begin(), thrusters_.end(), holds);
+  }
   /// Channel of each thruster's commands, then that of the lift.
   std::vector<std::string> channels() const;
   const std::string& liftChannel() const { return lift_channel_; }

@@ -17,5 +17,16 @@ inline double speed(const Body<double>& b) { return std::sqrt(force(b) / b.m); }
 /// Yaw rate after half a radian at full moment [rad/s].
 inline double yawRate(const Body<double>& b) { return std::sqrt(moment(b) / b.I_z); }
 
+/// Scale of a coefficient that gives a force [N] from a product of so many speeds and yaw rates.
+inline auto forcePer(int speeds, int turns = 0) {
+  return [=](const Body<double>& b) {
+    return 0.1 * force(b) / (std::pow(speed(b), speeds) * std::pow(yawRate(b), turns));
+  };
+}
+/// As forcePer(), of a moment [N m].
+inline auto momentPer(int speeds, int turns = 0) {
+  return [per = forcePer(speeds, turns)](const Body<double>& b) { return per(b) * b.l; };
+}
+
 }  // namespace typical
 }  // namespace ground

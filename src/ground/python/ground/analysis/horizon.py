@@ -21,8 +21,8 @@ MAX_STARTS = 160
 SHOWN = 40  # predictions on artificial recordings
 DRAWS = 4  # artificial recordings of each run
 # A change of predicted poses matters from this multiple of the noise of a pose on: it can be seen without
-# statistics (Rose's criterion). More data make an effect more certain, not larger. For a palm-sized hovercraft
-# a delay of 1.4 ms reaches it.
+# statistics (Rose's criterion). More data make an effect more certain, not larger. For a palm-sized craft a
+# delay of 1.4 ms reaches it.
 MIN_CHANGE = 5.0
 
 ModelsAt = Callable[[Sequence[_core.Window]], Sequence[_core.Model]]  # a model for each of some windows

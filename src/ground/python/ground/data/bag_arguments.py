@@ -1,6 +1,7 @@
 """Arguments of command lines for recordings: which ones, how they are read, and which part is used."""
 
 import argparse
+import inspect
 from dataclasses import dataclass
 from typing import Any, Callable, Iterator, List, Sequence, Type
 
@@ -89,18 +90,8 @@ def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
 def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
     """The FieldMapping that the arguments of add_reading_arguments say."""
     given = mapping.load(arguments.mapping) if arguments.mapping else mapping.DEFAULT
-    return given.with_options(
-        arguments.pose_topic,
-        arguments.command_topic,
-        arguments.body,
-        arguments.axes,
-        arguments.heading_offset,
-        arguments.noise,
-        arguments.frame_rate,
-        arguments.stamps,
-        arguments.types,
-        arguments.namespace,
-    )
+    names = inspect.signature(given.with_options).parameters
+    return given.with_options(**{name: getattr(arguments, name) for name in names})
 
 
 def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:

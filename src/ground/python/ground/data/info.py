@@ -108,9 +108,7 @@ def _write_mapping(arguments: argparse.Namespace) -> List[Document]:
         types = bag_arguments.mapping_of(arguments).types
         with readers.opened(path, types) as source:
             text = drafts.draft(source, os.path.isdir(path), [_from(output, one) for one in types])
-    with files.new_file(output, arguments.force) as temporary:
-        with open(temporary, "w", encoding="utf-8") as file:
-            file.write(text)
+    files.write_text(output, text, arguments.force)
     try:
         mapping.load(output)
         command_line.say(arguments, "%s: look through it, then give --mapping %s" % (output, output))

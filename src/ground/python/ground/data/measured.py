@@ -89,9 +89,7 @@ WORTH_REPAIRING = 2e4  # poses from which several processes repair recordings so
 
 
 def reading(
-    paths: Sequence[str],
-    mapping: FieldMapping = DEFAULT,
-    work: Optional[Work] = None,
+    paths: Sequence[str], mapping: FieldMapping = DEFAULT, work: Optional[Work] = None
 ) -> Iterator[Recording]:
     """The recordings in bags and folders, all read before the first one is returned; work: told of
     each that is read."""
@@ -118,10 +116,7 @@ def distinct(found: Sequence[Recording], others: Sequence[Recording] = ()) -> Li
             raise GroundError("the same %s is given twice: %s" % (what, same))
         first[one.identity] = one
     names = distinct_labels(
-        [one.name for one in found],
-        [one.path for one in found],
-        [one.name for one in others],
-        "_",
+        [one.name for one in found], [one.path for one in found], [one.name for one in others], "_"
     )
     return [
         one if one.name == name else replace(one, name=name, digest=one.identity)

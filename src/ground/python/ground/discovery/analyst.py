@@ -280,13 +280,11 @@ def expected_off(run: _core.RunData, model: _core.Model, seconds: float) -> Off:
     return error.position_mm, error.heading_deg
 
 
-def expected_errors(
-    run: _core.RunData, fit: Fit, count: int = SIMULATIONS, trimmed: bool = False
-) -> List[float]:
+def expected_errors(run: _core.RunData, fit: Fit, trimmed: bool = False) -> List[float]:
     """Errors that a fitted model is expected to have along a run that it was not fitted to: with the
     noise of poses and the random wrench, and a wrench that is constant in the run if `trimmed`."""
     cut, errors = windows.cut([run]), []
-    for seed in range(count):
+    for seed in range(SIMULATIONS):
         random = np.random.default_rng(seed)
         (wrench, room), thrust = window_error.pushes(run, fit.levels, random), 0.0
         if trimmed:

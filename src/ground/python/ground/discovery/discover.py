@@ -47,10 +47,7 @@ class DiscoverOptions(simulating.Acting, simulating.Mocap):
 
     room: Optional[RoomLike] = option(None, "room in which it flies (4 x 4 m)", metavar="ROOM.yaml")
     budget: float = option(
-        flights.Settings.budget,
-        "longest time of flight [s] (%(default)g)",
-        range=(1.0, 1e5),
-        metavar="S",
+        flights.Settings.budget, "longest time of flight [s] (%(default)g)", range=(1.0, 1e5), metavar="S"
     )
     seed: int = option(
         1, "for the mocap's noise and losses, the disturbance, and the inputs (%(default)s)", type=seed

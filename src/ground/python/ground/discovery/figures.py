@@ -9,26 +9,8 @@ from ground import _core
 from ground.discovery import story as tale
 from ground.discovery.story import Flight, Flown, Point, Story
 from ground.reports import appearance
-from ground.reports.appearance import (
-    FLOOR,
-    LESS,
-    MARKS,
-    MEASURED,
-    MODELS,
-    WARNING,
-    model_line,
-    thruster_line,
-)
-from ground.reports.figure_parts import (
-    X_AXIS,
-    Y_AXIS,
-    curve,
-    every_so_many,
-    fewer,
-    points,
-    short,
-    walls,
-)
+from ground.reports.appearance import FLOOR, LESS, MARKS, MEASURED, MODELS, WARNING, model_line, thruster_line
+from ground.reports.figure_parts import X_AXIS, Y_AXIS, curve, every_so_many, fewer, points, short, walls
 from ground.reports.panels import Panels
 from ground.reports.words import millimetres
 from ground.support.annotations import Array, Document

@@ -4,13 +4,13 @@ A step writes its files first, then the story, which is replaced as a whole. Wha
 did not happen: an interrupted step is repeated, and replaces its files.
 """
 
-import json
 import os
 import re
 from typing import List, Optional
 
 from ground import _core
 from ground.discovery.story import SCHEMA, Story
+from ground.reports import result_folder
 from ground.support import files
 from ground.support.annotations import Array
 from ground.support.errors import GroundError, core_errors
@@ -81,18 +81,12 @@ class Journal:
     def keep_model(self, name: str, model: _core.Model) -> None:
         """Writes a model file."""
         if self.folder:
-            with files.new_file(self.path(name), force=True) as temporary:
-                with open(temporary, "w") as file:
-                    file.write(model.format())
+            files.write_text(self.path(name), model.format(), force=True)
 
 
 def read(path: str) -> Story:
     """The story in a file. GroundError when it cannot be read."""
     try:
-        with open(path) as file:
-            document = json.load(file)
-        if document.get("schema") != SCHEMA:
-            raise ValueError("its schema is %s, not %s" % (document.get("schema"), SCHEMA))
-        return Story.from_dict(document)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        return Story.from_dict(result_folder.read(*os.path.split(path), SCHEMA))
+    except (GroundError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise GroundError("%s is not the story of a discovery (%s)" % (path, error))

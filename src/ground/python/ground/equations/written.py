@@ -106,9 +106,7 @@ def write(core: _core.Model, path: Path, to: Optional[str] = None, force: bool =
         equations = Equations(core, RESERVED)
     code = _code(equations, chosen, prefix, place)
     difference, unchecked = checks.compared(equations, code, chosen, prefix)
-    with files.new_file(place, force) as temporary:
-        with open(temporary, "w", encoding="utf-8") as file:
-            file.write(code.replace(CHECK, _safe(_checked(difference, unchecked))))
+    files.write_text(place, code.replace(CHECK, _safe(_checked(difference, unchecked))), force)
     names = [[symbol.name for symbol in group] for group in (equations.states, equations.inputs)]
     return ExportedModel(place, chosen, names[0], names[1], difference, unchecked)
 

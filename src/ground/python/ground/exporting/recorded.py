@@ -4,17 +4,7 @@ import math
 import os
 from collections import Counter
 from dataclasses import dataclass
-from typing import (
-    TYPE_CHECKING,
-    Any,
-    Callable,
-    Dict,
-    Iterable,
-    List,
-    NamedTuple,
-    Sequence,
-    Union,
-)
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, List, NamedTuple, Sequence, Union
 
 import numpy as np
 
@@ -154,9 +144,7 @@ def _measured(view: "View", run: Recording) -> List[Source]:
     commands = run.controls.tolist()
     return [
         Source(
-            "/commands",
-            _at(run.control_times),
-            lambda at, i: view.commands(at, run.channels, commands[i]),
+            "/commands", _at(run.control_times), lambda at, i: view.commands(at, run.channels, commands[i])
         ),
         Source("/pose", _at(stamps[order]), lambda at, i: view.pose(at, poses[i])),
         Source("/state", _at(motion.times), lambda at, i: view.state(at, states[i][:3], states[i][3:])),

@@ -7,16 +7,7 @@ from foxglove import channels as fc
 from foxglove import messages as fx
 
 from ground.exporting import shapes
-from ground.exporting.channels import (
-    COMMANDS,
-    KINDS,
-    MODELS,
-    Beliefs,
-    Kind,
-    Numbers,
-    clean,
-    identifiers,
-)
+from ground.exporting.channels import COMMANDS, KINDS, MODELS, Beliefs, Kind, Numbers, clean, identifiers
 from ground.exporting.scene import Scene
 from ground.models import Model, Room
 

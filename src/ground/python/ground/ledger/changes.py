@@ -120,11 +120,7 @@ def find(given: Series, level: float, seed: int = 1) -> List[Change]:
 
 
 def _best(
-    series: Series,
-    base: Array,
-    tried: Sequence[Tuple[str, Array, Indices]],
-    level: float,
-    random: Random,
+    series: Series, base: Array, tried: Sequence[Tuple[str, Array, Indices]], level: float, random: Random
 ) -> Optional[_Found]:
     """The likeliest of the kinds of change whose evidence is beyond chance."""
     grid = _grid(series, base)

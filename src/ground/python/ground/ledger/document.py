@@ -43,14 +43,10 @@ def of(
     }
 
 
-def _units(found: Analysed) -> Dict[str, Document]:
-    return {p["name"]: p for p in found.model.core.parameters()}
-
-
 def _type(found: Analysed) -> Document:
     """The model of a type, and how its parameters scatter: standard deviations of relative size where the
     parameter has one, else in its unit."""
-    described = _units(found)
+    described = {p["name"]: p for p in found.model.core.parameters()}
     parameters = {}
     for i, name in enumerate(found.free):
         size = abs(found.value(i, float(np.median(found.levels.mean[:, i]))))

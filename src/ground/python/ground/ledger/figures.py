@@ -6,7 +6,7 @@ from ground.ledger import words
 from ground.reports.appearance import LESS, model_color, model_line, model_mark
 from ground.reports.figure_parts import curve, points, short
 from ground.reports.panels import Panels
-from ground.reports.words import listed
+from ground.reports.words import capital, listed
 from ground.support.annotations import Document
 
 ROOM = 1.5  # the axis shows intervals up to so many spans of the values
@@ -57,14 +57,8 @@ def of(report: Document, kind: str, name: str) -> Document:
         "Line: mean of the craft with its drift and jumps. Grey: between the two runs of a jump. "
         "Scatter: %s."
     )
-    told = caption % (words_of(described), words.scatter(described))
+    told = caption % (capital(described["means"] or "parameter"), words.scatter(described))
     return figure.finish(330, told, {"t": 40}, title=_title(report, own, kind, name))
-
-
-def words_of(described: Document) -> str:
-    """What a parameter is, with a capital letter."""
-    text = str(described["means"] or "parameter")
-    return text[:1].upper() + text[1:]
 
 
 def _title(report: Document, own: Sequence[Document], kind: str, name: str) -> str:

@@ -8,7 +8,6 @@ from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
 from ground.recordings import bags, readers
 from ground.recordings.mapping import FieldMapping
-from ground.support.annotations import Document
 from ground.support.errors import GroundError, OptionError
 
 EARLIEST = 946684800.0  # 2000-01-01, before which a stamp is no date [s]
@@ -121,8 +120,3 @@ def _as_asked(places: Sequence[Place], how: str) -> Tuple[List[str], str]:
 def _folders(place: Place) -> List[str]:
     """Names of folders of a run that are not dates."""
     return [name for name in place.below.split(os.sep)[:-1] if not DATE.search(name)]
-
-
-def described(place: Place, at: datetime, source: str) -> Document:
-    """The run as plain values."""
-    return {"path": place.path, "recorded": at.isoformat(timespec="seconds"), "time_from": source}

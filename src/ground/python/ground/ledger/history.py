@@ -6,6 +6,7 @@ content of the run and the model, so that the next call fits new runs only.
 """
 
 import argparse
+import functools
 from dataclasses import dataclass
 from typing import Dict, Iterable, List, Optional, Sequence, Tuple, Union
 
@@ -26,12 +27,8 @@ from ground.support.progress import Progress, Work
 from ground.support.results import distinct_labels
 from ground.support.workers import Workers
 
-LOOKING, FITTING, TOGETHER, WRITING = (
-    "looking at runs",
-    "fitting each run",
-    "all runs together",
-    "writing the page",
-)
+LOOKING, FITTING = "looking at runs", "fitting each run"
+TOGETHER, WRITING = "all runs together", "writing the page"
 Folders = Union[Path, Iterable[Path]]
 
 
@@ -94,15 +91,15 @@ def history(
     elif not isinstance(mapping, FieldMapping):
         mapping = load(str(mapping))
     places, diagnoses = finding.find(paths, mapping)
-    look = _Look(Workers(processes=True), mapping, options, work)
-    runs, left_out = _runs(places, look.at([place.path for place in places], options.model))
+    look = functools.partial(_looked_at, mapping, options, work)
+    runs, left_out = _runs(places, look([place.path for place in places], options.model))
     if not runs:
         raise GroundError("%(path)s: %(why)s" % left_out[0])
     crafts_by = _add_crafts(runs, options.craft)
     by_type = _types(runs, options)
     if options.model is None:
         for model, own in by_type:
-            for run, fitted in zip(own, look.at([run["path"] for run in own], model)):
+            for run, fitted in zip(own, look([run["path"] for run in own], model)):
                 run["_found"] = fitted
     found: List[Tuple[Analysed, List[Document]]] = []
     with work.stage(TOGETHER, len(by_type)):
@@ -121,25 +118,22 @@ def history(
     return History(report)
 
 
-@dataclass(frozen=True)
-class _Look:
-    """Looks at runs in several processes."""
-
-    team: Workers
-    mapping: FieldMapping
-    options: HistoryOptions
-    work: Work
-
-    def at(self, paths: Sequence[str], model: Optional[ModelLike]) -> List[Document]:
-        """What runs recorded, with their estimates if there is a model (estimates.looked_at)."""
-        text, stage = "", LOOKING
-        free: Tuple[str, ...] = ()
-        if model is not None:
-            extended, free = estimates.followed(Model.of(model), self.options.free)
-            text, stage = extended.format(), FITTING
-        tasks = [Task(path, self.mapping, self.options.as_recorded, text, free) for path in paths]
-        with self.work.stage(stage, len(tasks)):
-            return list(self.work.each(self.team.map(estimates.looked_at, tasks)))
+def _looked_at(
+    mapping: FieldMapping,
+    options: HistoryOptions,
+    work: Work,
+    paths: Sequence[str],
+    model: Optional[ModelLike],
+) -> List[Document]:
+    """What runs recorded, with their estimates if there is a model (estimates.looked_at)."""
+    text, stage = "", LOOKING
+    free: Tuple[str, ...] = ()
+    if model is not None:
+        extended, free = estimates.followed(Model.of(model), options.free)
+        text, stage = extended.format(), FITTING
+    tasks = [Task(path, mapping, options.as_recorded, text, free) for path in paths]
+    with work.stage(stage, len(tasks)):
+        return list(work.each(Workers(processes=True).map(estimates.looked_at, tasks)))
 
 
 def _unused(path: str, why: str) -> Document:
@@ -159,8 +153,8 @@ def _runs(places: Sequence[Place], recorded: Sequence[Document]) -> Tuple[List[D
         else:
             contents[found["content"]] = place.path
             at, source = finding.recorded_at(place, found["first_stamp"])
-            run = finding.described(place, at, source)
-            runs.append({**run, "_place": place, "_found": found})
+            told = {"path": place.path, "recorded": at.isoformat(timespec="seconds"), "time_from": source}
+            runs.append({**told, "_place": place, "_found": found})
     names = [place.name for place in (run["_place"] for run in runs)]
     for run, name in zip(runs, distinct_labels(names, [run["path"] for run in runs])):
         run["name"] = name

@@ -77,9 +77,16 @@ class FlyingLaboratory:
         self._asked = threading.Event()  # to end
         self._why = ""
         self._said = ""
-        self._newest = _Newest(["controller"] + (["tracker"] if tracker else []))
-        self._players = {name: _node(name) for name in self._newest.controllers}
-        for name in self._players:  # one that a killed discovery has left driving
+        self._stamp = rospy.Time()  # of the newest status
+        self._sender: Message = None  # its newest status
+        names = ["controller"] + (["tracker"] if tracker else [])
+        # by controller: its newest status (None before the first), and when it came, time.monotonic() [s]
+        self._controllers: Dict[str, Tuple[Message, float]] = dict.fromkeys(names, (None, 0.0))
+        for name in names:
+            rospy.Subscriber(name + "/status", ControllerStatus, self._take, name, queue_size=100)
+        rospy.Subscriber("sender/status", SenderStatus, self._take_sender)
+        self._players = {name: _node(name) for name in names}
+        for name in names:  # one that a killed discovery has left driving
             try:
                 status = rospy.wait_for_message(name + "/status", ControllerStatus, START)
             except rospy.ROSException:
@@ -87,9 +94,16 @@ class FlyingLaboratory:
             if status.state not in IDLE:
                 _call(name + "/stop", Trigger)
 
+    def _take(self, status: Message, name: str) -> None:
+        self._stamp = status.header.stamp
+        self._controllers[name] = status, time.monotonic()
+
+    def _take_sender(self, status: Message) -> None:
+        self._stamp, self._sender = status.header.stamp, status
+
     def now(self) -> rospy.Time:
         """Time of the newest message: of a simulated clock, too, which this node does not follow."""
-        return self._newest.stamp
+        return self._stamp
 
     def end(self, reason: str) -> None:
         """Ends a flight and all waiting, from any thread. Later flights are refused."""
@@ -106,10 +120,10 @@ class FlyingLaboratory:
         longest = self._prepare(name, flight, inputs)
         for _ in range(ATTEMPTS):
             landed = self._fly(name, longest, flight)
-            failed = landed.stopped and self._newest.sender.state == SenderStatus.FAULT
+            failed = landed.stopped and self._sender.state == SenderStatus.FAULT
             if not failed or not self._simulated:
                 return landed
-            reason = "the sender was in FAULT (%s)" % self._newest.sender.reason
+            reason = "the sender was in FAULT (%s)" % self._sender.reason
             reason = ("the computer was too busy: " if "stale" in reason else "") + reason
             rospy.logwarn("discovery: %s; the flight is repeated", reason)
         raise GroundError("%s on %d flights in a row" % (reason, ATTEMPTS))
@@ -168,9 +182,7 @@ class FlyingLaboratory:
         folder = os.path.join(self._folder, "loaded")
         os.makedirs(folder, exist_ok=True)
         path = os.path.join(folder, label.replace(" ", "_") + ".yaml")
-        with files.new_file(path, force=True) as temporary:
-            with open(temporary, "w") as file:
-                file.write(model.format())
+        files.write_text(path, model.format(), force=True)
         return path
 
     def _prepare(self, name: str, flight: Flight, inputs: Array) -> float:
@@ -204,7 +216,7 @@ class FlyingLaboratory:
 
     def _arm_again(self) -> None:
         """Arms the sender of a simulated craft after a FAULT; one that was disarmed by hand stays so."""
-        state = self._newest.sender and self._newest.sender.state
+        state = self._sender and self._sender.state
         self._faulted = state == SenderStatus.FAULT or (self._faulted and state != SenderStatus.ARMED)
         for armed in (False, True) if self._simulated and self._faulted else ():
             _call("sender/arm", SetBool, data=armed)
@@ -217,7 +229,7 @@ class FlyingLaboratory:
 
     def _sender_problem(self) -> str:
         """What somebody has to do before the sender passes commands on; empty when it does."""
-        sender = self._newest.sender
+        sender = self._sender
         arm = ARM % rospy.resolve_name("sender/arm")
         if sender is None:
             return "waits for the sender, which publishes no status"
@@ -248,7 +260,7 @@ class FlyingLaboratory:
         if not answer.success:
             raise GroundError("%s was not started: %s" % (name, answer.message))
         while True:
-            status, heard = self._newest.controllers[name]
+            status, heard = self._controllers[name]
             # An earlier one may be the last of the flight before.
             began = began or heard - started > LATE or (status and status.state not in IDLE)
             if began and status.state in ENDED:
@@ -273,29 +285,6 @@ class FlyingLaboratory:
         if not asked and (status.reason == BY_HAND or status.reason.endswith(TAKEN_OVER)):
             self._stopped("%s: %s" % (name, status.reason))
         return asked or str(status.reason)
-
-
-class _Newest:
-    """The newest statuses of the controllers and of the sender."""
-
-    def __init__(self, controllers: List[str]) -> None:
-        # by controller: its status (None before the first), and when it came, time.monotonic() [s]
-        self.controllers: Dict[str, Tuple[Message, float]] = dict.fromkeys(controllers, (None, 0.0))
-        self.sender: Message = None
-        self.stamp = rospy.Time()
-        self._listeners = [
-            rospy.Subscriber(name + "/status", ControllerStatus, self._take, name, queue_size=100)
-            for name in controllers
-        ]
-        self._listeners.append(rospy.Subscriber("sender/status", SenderStatus, self._take_sender))
-
-    def _take(self, status: Message, name: str) -> None:
-        self.stamp = status.header.stamp
-        self.controllers[name] = status, time.monotonic()
-
-    def _take_sender(self, status: Message) -> None:
-        self.stamp = status.header.stamp
-        self.sender = status
 
 
 def _node(name: str) -> live_parameters.Node:

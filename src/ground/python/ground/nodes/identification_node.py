@@ -22,11 +22,7 @@ import rosbag
 import rospy
 from geometry_msgs.msg import PoseStamped
 from ground_msgs.msg import Controls, Drive, IdentificationStatus, MocapSettings
-from ground_msgs.srv import (
-    Identify,
-    IdentifyRequest,
-    IdentifyResponse,
-)
+from ground_msgs.srv import Identify, IdentifyRequest, IdentifyResponse
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 

@@ -7,14 +7,7 @@ from typing import Any, Callable, Dict, List, Sequence, Tuple
 
 import numpy as np
 import rospy
-from ground_msgs.msg import (
-    ControllerStatus,
-    Controls,
-    ModelError,
-    Reference,
-    SenderStatus,
-    State,
-)
+from ground_msgs import msg
 
 from ground.support.annotations import Array, Message
 
@@ -30,16 +23,16 @@ COMPUTED: Dict[str, Callable[[Message], float]] = {
 }
 _INPUTS = ["left", "right", "lift"]
 TOPICS: Dict[str, Tuple[Any, List[str]]] = {  # type, and the fields that are drawn
-    "state": (State, ["eta[0]", "eta[1]", "nu[0]", "nu[1]", "nu[2]"]),
-    "model_error": (ModelError, [*_PREDICTED, *COMPUTED]),
-    "model_error2": (ModelError, [*_PREDICTED, *COMPUTED]),
-    "controls": (Controls, _INPUTS),
-    "controls/wanted": (Controls, _INPUTS),
-    "reference": (Reference, ["p[0]", "p[1]"]),
+    "state": (msg.State, ["eta[0]", "eta[1]", "nu[0]", "nu[1]", "nu[2]"]),
+    "model_error": (msg.ModelError, [*_PREDICTED, *COMPUTED]),
+    "model_error2": (msg.ModelError, [*_PREDICTED, *COMPUTED]),
+    "controls": (msg.Controls, _INPUTS),
+    "controls/wanted": (msg.Controls, _INPUTS),
+    "reference": (msg.Reference, ["p[0]", "p[1]"]),
 }
 EXPECTED = ["state", "model_error", "controls"]  # every experiment and every replay has these
 MODELS = ["model_error", "model_error2"]
-STATUSES = {"controller/status": ControllerStatus, "sender/status": SenderStatus}
+STATUSES = {"controller/status": msg.ControllerStatus, "sender/status": msg.SenderStatus}
 
 
 class History:
@@ -85,7 +78,7 @@ class Feed:
     def __init__(self, duration: float) -> None:
         """duration: length of the history [s]."""
         self.duration = duration
-        self.models: Dict[str, ModelError] = {}  # topic to newest message
+        self.models: Dict[str, msg.ModelError] = {}  # topic to newest message
         self.statuses: Dict[str, Tuple[Message, float]] = {}  # newest message, received [s]
         self.invalid = ""  # why the newest state is invalid
         self.heard = -math.inf  # when the newest sample came, time.monotonic() [s]

@@ -7,17 +7,7 @@ import time
 from typing import Any, Callable, Deque, Dict, Optional, Tuple
 
 import rospy
-from ground_msgs.msg import (
-    ControllerStatus,
-    Controls,
-    DiscoveryStatus,
-    LiveChange,
-    ModelComparison,
-    ModelError,
-    Reference,
-    SenderStatus,
-    State,
-)
+from ground_msgs import msg
 
 from ground.exporting.view import View
 from ground.models import Model, Room
@@ -56,17 +46,17 @@ class LiveViewer:
         self._invalid = ""
         self.counts: Dict[str, int] = collections.Counter()  # messages by topic
         self._topics: Dict[str, Tuple[Any, Callable[[int, Message], None]]] = {
-            "state": (State, self._state),
-            "controls": (Controls, self._controls),
-            "controls/wanted": (Controls, lambda at, m: self._controls(at, m, wanted=True)),
-            "reference": (Reference, lambda at, m: view.reference(at, m.p, m.p_dot)),
-            "model_error": (ModelError, lambda at, m: self._error(0, at, m)),
-            "model_error2": (ModelError, lambda at, m: self._error(1, at, m)),
-            "model_comparison": (ModelComparison, self._comparison),
-            "controller/status": (ControllerStatus, self._controller),
-            "sender/status": (SenderStatus, self._sender),
-            "discovery/status": (DiscoveryStatus, self._discovery),
-            "live_changes": (LiveChange, self._change),
+            "state": (msg.State, self._state),
+            "controls": (msg.Controls, self._controls),
+            "controls/wanted": (msg.Controls, lambda at, m: self._controls(at, m, wanted=True)),
+            "reference": (msg.Reference, lambda at, m: view.reference(at, m.p, m.p_dot)),
+            "model_error": (msg.ModelError, lambda at, m: self._error(0, at, m)),
+            "model_error2": (msg.ModelError, lambda at, m: self._error(1, at, m)),
+            "model_comparison": (msg.ModelComparison, self._comparison),
+            "controller/status": (msg.ControllerStatus, self._controller),
+            "sender/status": (msg.SenderStatus, self._sender),
+            "discovery/status": (msg.DiscoveryStatus, self._discovery),
+            "live_changes": (msg.LiveChange, self._change),
         }
         self._rested: Dict[str, float] = dict.fromkeys(self._topics, 0.0)  # end of the last rest [s]
 

@@ -153,10 +153,9 @@ class Bag(Container):
                 "the bag is damaged: messages on %s that were received after the year 2262 were left out (%d)"
                 % (topic, len(rows) - len(known))
             )
-        rows = known
-        received = np.array([time for time, _ in rows], np.int64)
+        received = np.array([time for time, _ in known], np.int64)
         order = np.argsort(received, kind="stable")
-        return received[order], [rows[i][1] for i in order]
+        return received[order], [known[i][1] for i in order]
 
     def _chosen(self, topic: str, kind: str) -> List[Stream]:
         return [one for one in self._of(topic) if one.kind == kind]

@@ -8,7 +8,7 @@ import numpy as np
 from ground.recordings import containers
 from ground.recordings.containers import Container
 from ground.recordings.mapping import Battery, Clock, FieldMapping
-from ground.recordings.sensors import Stamps, Table
+from ground.recordings.sensors import Stamps, Table, named_topic, only_topic
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
@@ -83,26 +83,13 @@ def _clock(mapping: FieldMapping, given: Battery, topic: str) -> Clock:
 
 def _topic(source: Container, mapping: FieldMapping, given: Battery, table: Table) -> str:
     """The topic that has the voltage; empty: none."""
-    there = {topic: one.kind for topic, one in source.topics.items() if one.count > 0}
-    topic = given.topic or given.file
-    if topic:
-        if topic not in there or (given.type and there[topic] != given.type):
-            has = ", ".join("%s (%s)" % item for item in sorted(there.items())) or "no messages at all"
-            raise GroundError(
-                "%s: there are no %s on %s, which %s names under battery; it has %s"
-                % (source.path, given.type or "messages", topic, mapping.file, has)
-            )
-        return topic
-    if given.voltage:  # a column of a table that the run is read from anyway
+    named = named_topic(source, given, "battery", mapping.file)
+    if given.voltage and not named:  # a column of a table that the run is read from anyway
         for other in (mapping.poses.topic, mapping.commands.topic):
-            if other in there and containers.column(table(other), given.voltage) is not None:
+            if other in source.topics and containers.column(table(other), given.voltage) is not None:
                 return other
         raise GroundError(
             "%s: neither the poses nor the commands have a field %s, which %s names as battery.voltage; "
             "name its topic or file" % (source.path, given.voltage, mapping.file)
         )
-    for kind in FIELDS:
-        topics = [topic for topic, one in there.items() if one == kind]
-        if len(topics) == 1:
-            return topics[0]
-    return ""
+    return named or only_topic(source, FIELDS)

@@ -5,6 +5,7 @@ of ROS 1 (wiki.ros.org/Bags/Format/2.0), MCAP (mcap.dev/spec), bags of ROS 2 in 
 """
 
 import bz2
+import contextlib
 import importlib
 import io
 import os
@@ -81,18 +82,9 @@ def _unpacker(compression: str) -> Any:
 
         return lz4.frame.LZ4FrameDecompressor()
     for name in ("compression.zstd", "backports.zstd"):
-        if compression == "zstd" and _is_there(name):
+        with contextlib.suppress(ImportError):
             return importlib.import_module(name).ZstdDecompressor()
-    zstandard = importlib.import_module("zstandard")
-    return zstandard.ZstdDecompressor().decompressobj()
-
-
-def _is_there(name: str) -> bool:
-    try:
-        importlib.import_module(name)
-    except ImportError:
-        return False
-    return True
+    return importlib.import_module("zstandard").ZstdDecompressor().decompressobj()
 
 
 def _up_to(file: BinaryIO, count: int) -> bytes:

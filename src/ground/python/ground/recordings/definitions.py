@@ -13,13 +13,7 @@ from ground.recordings.streams import Stream
 from ground.support.errors import GroundError, reason
 
 SUFFIXES = (".msg", ".idl")
-SKIPPED = (
-    "build",
-    "install",
-    "log",
-    "devel",
-    "node_modules",
-)  # folders of a workspace that repeat its source
+SKIPPED = ("build", "install", "log", "devel", "node_modules")  # folders that repeat a workspace's source
 Types = Dict[str, Any]  #: fields of types as rosbags describes them, by name
 
 

@@ -6,17 +6,7 @@ from typing import Dict, FrozenSet, Iterator, List, Sequence, Set, Tuple
 
 import numpy as np
 
-from ground.recordings import (
-    clocks,
-    containers,
-    levels,
-    poses,
-    rows_apart,
-    several,
-    sightings,
-    units,
-    words,
-)
+from ground.recordings import clocks, containers, levels, poses, rows_apart, several, sightings, units, words
 from ground.recordings.containers import RECEIVED, STAMP, TABLE, Columns, Container, Topic
 from ground.recordings.mapping import LENGTHS, SCHEMA
 from ground.recordings.several import Seen

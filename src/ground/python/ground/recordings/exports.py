@@ -151,14 +151,8 @@ def _qualisys(lines: Sequence[str]) -> Head:
             "an export of Qualisys with markers (%s): export 6D data, because markers alone have no heading"
             % facts["DATA_INCLUDED"][0]
         )
-    last = next(
-        (
-            n
-            for n, cells in rows
-            if "Rot[0]" in cells or {"Roll", "Yaw"} & {cell.split(" ")[-1] for cell in cells}
-        ),
-        None,
-    )
+    ends = [(n, {cell.split(" ")[-1] for cell in cells}) for n, cells in rows]
+    last = next((n for n, words in ends if words & {"Rot[0]", "Roll", "Yaw"}), None)
     if last is None:
         raise GroundError("an export of Qualisys without a row that names Roll, Pitch and Yaw")
     bodies = [_body(name) for name in facts.get("BODY_NAMES", []) if name]
@@ -166,14 +160,8 @@ def _qualisys(lines: Sequence[str]) -> Head:
         last + 1, [], separator, rate=float((facts.get("FREQUENCY") or ["0"])[0] or 0), zero_is_lost=True
     )
     number = -1
-    plain = {
-        "X": "position.x",
-        "Y": "position.y",
-        "Z": "position.z",
-        "Roll": "roll",
-        "Pitch": "pitch",
-        "Yaw": "yaw",
-    }
+    plain = {"X": "position.x", "Y": "position.y", "Z": "position.z"}
+    plain.update((name, name.lower()) for name in ("Roll", "Pitch", "Yaw"))
     names: List[str] = []
     values = _cells(lines[last + 1], separator) if len(lines) > last + 1 else []
     has_own = len(values) == len(rows[last][1])  # whether the cell of a body's name stands above one
@@ -184,12 +172,8 @@ def _qualisys(lines: Sequence[str]) -> Head:
         if number < 0 and cell in ("Frame", "Time"):
             names.append(cell.lower())
         elif words[-1] in plain and number >= 0:
-            body = (
-                bodies[number]
-                if number < len(bodies)
-                else _body(" ".join(words[:-1])) or "body_%d" % (number + 1)
-            )
-            names.append("%s.%s" % (body, plain[words[-1]]))
+            named = bodies[number] if number < len(bodies) else _body(" ".join(words[:-1]))
+            names.append("%s.%s" % (named or "body_%d" % (number + 1), plain[words[-1]]))
             found.units[names[-1]] = "mm" if words[-1] in "XYZ" else "deg"
         elif cell in bodies and not has_own:  # a cell of its own above no values
             continue
@@ -211,15 +195,8 @@ def _vicon(lines: Sequence[str]) -> Head:
     bodies, units = _filled(rows[last - 1][1]), _cells(lines[last + 1], separator)
     digits = re.search(r"[\d.]+", rows[last - 2][1][0])
     found = Head(last + 2, [], separator, rate=float(digits.group()) if digits else 0.0)
-    parts = {
-        "TX": "position.x",
-        "TY": "position.y",
-        "TZ": "position.z",
-        "RX": "angle.x",
-        "RY": "angle.y",
-        "RZ": "yaw",
-        "RW": "angle.w",
-    }
+    parts = {"TX": "position.x", "TY": "position.y", "TZ": "position.z"}
+    parts.update(RX="angle.x", RY="angle.y", RZ="yaw", RW="angle.w")
     for column, cell in enumerate(rows[last][1]):
         body = _body((bodies[column] if column < len(bodies) else "").split(":")[-1])
         name = "%s.%s" % (body, parts[cell]) if cell in parts else cell.lower().replace(" ", "_")
@@ -231,8 +208,7 @@ def _vicon(lines: Sequence[str]) -> Head:
     whole = [n[: -len("angle.w")] for n in found.names if n.endswith(".angle.w")]
     for body in whole:  # a quaternion, whose z is no angle
         for old, new in (("angle.x", "x"), ("angle.y", "y"), ("yaw", "z"), ("angle.w", "w")):
-            at = found.names.index(body + old)
-            found.names[at] = "%srotation.%s" % (body, new)
+            found.names[found.names.index(body + old)] = "%srotation.%s" % (body, new)
     position = next((found.units.get(name, "") for name in found.names if ".position." in name), "")
     _note_bodies(found, "Vicon", position or "mm")
     return found

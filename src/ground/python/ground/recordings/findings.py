@@ -214,10 +214,7 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     if d["authority"]:
         angles = [name for name in d["authority"] if words.ANGLES & set(words.split(name))]
         unknown = "not told: what a thruster does changes with %s" % ", ".join(angles)
-        yield (
-            "thrusters",
-            unknown if angles else "; ".join(_does(*item) for item in d["authority"].items()),
-        )
+        yield ("thrusters", unknown if angles else "; ".join(_does(*item) for item in d["authority"].items()))
 
 
 def _sensors(inertial: Document, poses: Document) -> str:

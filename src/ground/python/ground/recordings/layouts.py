@@ -134,17 +134,12 @@ class Verdict:
 def thrusters_of(model: _core.Model) -> List[Thruster]:
     """A model's thrusters by the names of their channels, seen by the heading that the model has."""
     turn = model.value("heading_offset.psi0") if "heading_offset" in model.effects else 0.0
-    if model.is_pair:
-        lever = model.value("l")
-        thrusters = [Thruster("left", 0.0, -lever, 0.0), Thruster("right", 0.0, lever, 0.0)]
-    else:
-        thrusters = [
-            Thruster(one["channel"], x, y, math.radians(one["direction"]))
-            for one in model.thrusters
-            for x, y in [one["position"]]
-        ]
     c, s = math.cos(turn), math.sin(turn)
-    return [Thruster(t.name, c * t.x + s * t.y, c * t.y - s * t.x, t.direction - turn) for t in thrusters]
+    found = []
+    for one in model.thrusters:
+        (x, y), direction = one["position"], math.radians(one["direction"]) - turn
+        found.append(Thruster(one["channel"], c * x + s * y, c * y - s * x, direction))
+    return found
 
 
 def _orders(names: Sequence[str]) -> Iterator[Tuple[str, ...]]:

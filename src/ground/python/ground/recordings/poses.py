@@ -186,12 +186,7 @@ def _of_column(columns: Columns, path: str, body: str) -> str:
 
 
 def _planar(
-    position: Array,
-    rotation: Array,
-    paths: Sequence[str],
-    where: str,
-    stamps: Indices,
-    settings: Settings,
+    position: Array, rotation: Array, paths: Sequence[str], where: str, stamps: Indices, settings: Settings
 ) -> Tuple[Array, Array]:
     """Poses in world_ned (n, 3), and as they were measured (n, 7)."""
     rows, raw = np.full((len(position), 3), np.nan), np.zeros((len(position), 7))

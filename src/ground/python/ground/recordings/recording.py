@@ -397,12 +397,7 @@ def checked(
 
 
 def _limit(
-    path: str,
-    name: str,
-    every: Array,
-    values: Array,
-    limits: Tuple[float, float],
-    warnings: List[str],
+    path: str, name: str, every: Array, values: Array, limits: Tuple[float, float], warnings: List[str]
 ) -> None:
     """Clips a command to the range of its channel, in place, and counts. every: commands of all channels.
     GroundError when it exceeds the range by more than OVERSHOOT of it."""

@@ -252,8 +252,7 @@ class RunFile:
             return path
         try:
             os.makedirs(os.path.dirname(path), exist_ok=True)
-            with files.new_file(path, force=True) as temporary, open(temporary, "w") as file:
-                file.write(self.text)
+            files.write_text(path, self.text, force=True)
         except OSError as error:
             raise GroundError("%s: cannot be written (%s)" % (path, reason(error)))
         return path

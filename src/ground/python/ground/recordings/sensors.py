@@ -1,20 +1,19 @@
 """Reads the samples of a craft's gyro and accelerometer from a file."""
 
 from dataclasses import replace
-from typing import Callable, Dict, Optional, Tuple
+from typing import Callable, Dict, Iterable, Optional, Tuple, Union
 
 import numpy as np
 
 from ground.recordings import containers
 from ground.recordings.containers import TABLE, Columns, Container
 from ground.recordings.inertial import Samples
-from ground.recordings.mapping import Clock, FieldMapping, Sensors
+from ground.recordings.mapping import Battery, Clock, FieldMapping, Sensors
 from ground.support.annotations import Flags, Indices
 from ground.support.errors import GroundError
 
-FIELDS: Dict[
-    str, Tuple[str, Tuple[str, ...]]
-] = {  # by type: turn about the vertical, two horizontal accelerations
+# By type: turn about the vertical, two horizontal accelerations
+FIELDS: Dict[str, Tuple[str, Tuple[str, ...]]] = {
     "ground_msgs/Telemetry": ("gyro[2]", ("acc[0]", "acc[1]")),
     "sensor_msgs/Imu": ("angular_velocity.z", ("linear_acceleration.x", "linear_acceleration.y")),
 }
@@ -52,21 +51,28 @@ def read(source: Container, mapping: FieldMapping, stamps: Stamps, table: Table)
 
 def _place(source: Container, mapping: FieldMapping, given: Sensors) -> Tuple[str, Sensors]:
     """The topic that has samples, empty without one, and where they are in it."""
-    there = {topic: one.kind for topic, one in source.topics.items() if one.count > 0}
-    if given.topic or given.file:
-        topic = given.topic or given.file
-        if topic not in there or (given.type and there[topic] != given.type):
-            has = ", ".join("%s (%s)" % item for item in sorted(there.items())) or "no messages at all"
-            raise GroundError(
-                "%s: there are no %s on %s, which %s names under inertial; it has %s"
-                % (source.path, given.type or "messages", topic, mapping.file, has)
-            )
-        return topic, given
-    if given.yaw_rate and mapping.poses.topic in there and there[mapping.poses.topic] == TABLE:
+    named = named_topic(source, given, "inertial", mapping.file)
+    if given.yaw_rate and not named and mapping.poses.topic in source.of_kind(TABLE):
         clock = given.time if given.time.field else mapping.poses.time  # a column of the poses' table
         return mapping.poses.topic, replace(given, time=clock)
-    for kind in FIELDS:
-        topics = [topic for topic, one in there.items() if one == kind]
-        if len(topics) == 1:
-            return topics[0], given
-    return "", given
+    return named or only_topic(source, FIELDS), given
+
+
+def named_topic(source: Container, given: Union[Battery, Sensors], section: str, file: str) -> str:
+    """The topic or table that a section of a mapping file names; empty: none. GroundError where it is not
+    there."""
+    topic = given.topic or given.file
+    there = {name: one.kind for name, one in source.topics.items() if one.count > 0}
+    if topic and (topic not in there or (given.type and there[topic] != given.type)):
+        has = ", ".join("%s (%s)" % item for item in sorted(there.items())) or "no messages at all"
+        raise GroundError(
+            "%s: there are no %s on %s, which %s names under %s; it has %s"
+            % (source.path, given.type or "messages", topic, file, section, has)
+        )
+    return topic
+
+
+def only_topic(source: Container, kinds: Iterable[str]) -> str:
+    """The only topic of the first of some types of which there is one; empty: none."""
+    found = map(source.of_kind, kinds)
+    return next((topics[0] for topics in found if len(topics) == 1), "")

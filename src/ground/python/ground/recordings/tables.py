@@ -28,20 +28,7 @@ SAMPLE = 200  # lines from the end that show what separates cells
 SEARCHED = 200000  # lines in which the first row of values is looked for
 RAGGED = 0.01  # share of short lines from which they are rows without their last cells
 TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-TYPES = {
-    "float",
-    "float32",
-    "float64",
-    "double",
-    "int",
-    "int32",
-    "int64",
-    "uint8",
-    "bool",
-    "boolean",
-    "string",
-    "str",
-}
+TYPES = set("float float32 float64 double int int32 int64 uint8 bool boolean string str".split())
 
 
 @dataclass

@@ -67,11 +67,7 @@ OTHER_TIMES = set(
     solve solver limit dt loop interval period duration delay latency frame boot gps step
     """.split()
 )
-FRAMES = set(
-    """
-    frame frames step index idx sample row seq count n counter number no id
-    """.split()
-)
+FRAMES = set("frame frames step index idx sample row seq count n counter number no id".split())
 # What is no measured pose, although it has an axis in its name
 MOTION = set(
     """
@@ -116,17 +112,9 @@ ANGLES = {"angle", "azimuth", "direction", "alpha", "angles", "swivel", "bearing
 LIFT = {"lift", "hover", "skirt", "levitation", "levitate", "cushion", "auftrieb"}
 LEFT = {"left", "port", "l", "links", "backbord", "gauche"}
 RIGHT = {"right", "starboard", "stbd", "r", "rechts", "steuerbord", "droite"}
-PLACED = set(
-    """
-    pos position pose translation location loc p tx place coordinate coord
-    """.split()
-)
+PLACED = set("pos position pose translation location loc p tx place coordinate coord".split())
 FRAMED = {"ned", "enu", "mid", "world", "map", "odom", "global", "local", "m", "wgs", "utm"}
-MEASURED = set(
-    """
-    telemetry mocap optitrack vicon vrpn qualisys measured meas gnss gps tracker
-    """.split()
-)
+MEASURED = set("telemetry mocap optitrack vicon vrpn qualisys measured meas gnss gps tracker".split())
 TURNED = {"q", "quat", "quaternion", "orientation", "rotation", "rot", "ori", "att", "attitude", "transform"}
 AXES: Dict[str, str] = {
     **{prefix + axis: axis for axis in "xyz" for prefix in ("", "p", "t", "pos", "position")},

@@ -5,13 +5,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground.recordings import scatter
-from ground.reports.appearance import (
-    model_color,
-    model_line,
-    model_mark,
-    thruster_line,
-    transparent,
-)
+from ground.reports.appearance import model_line, model_mark, thruster_line, transparent
 from ground.reports.panels import Panels
 from ground.support.annotations import Array, Document
 
@@ -76,20 +70,14 @@ def arrows(
     return curve(strokes[0], strokes[1], name, line, legend, opacity)
 
 
-def bins(
-    x: Any, values: Any, name: str, model: int, legend: bool, errors: Optional[Array] = None
-) -> Document:
-    """Means at the centres of bins, by the model of that number, with bars of `errors` to both sides."""
-    trace = dict(
+def bins(x: Any, values: Any, name: str, model: int, legend: bool) -> Document:
+    """Means at the centres of bins, by the model of that number."""
+    return dict(
         curve(x, values, name, model_line(model, 1.4), legend),
         mode="lines+markers",
         marker=model_mark(model),
         hovertemplate="%{x:.3g}: %{y:.3g}",
     )
-    if errors is not None:
-        bars = {"array": short(errors), "width": 0, "thickness": 1.2, "color": model_color(model)}
-        trace["error_y"] = bars
-    return trace
 
 
 def walls(room: Any) -> Document:

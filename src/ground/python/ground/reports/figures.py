@@ -10,15 +10,7 @@ import numpy as np
 
 from ground.analysis import bands as bands_of
 from ground.analysis import residuals
-from ground.reports.appearance import (
-    CHANNELS,
-    FLOOR,
-    MEASURED,
-    MODELS,
-    model_color,
-    model_line,
-    wrapped,
-)
+from ground.reports.appearance import CHANNELS, FLOOR, MEASURED, MODELS, model_color, model_line, wrapped
 from ground.reports.figure_parts import (
     X_AXIS,
     Y_AXIS,

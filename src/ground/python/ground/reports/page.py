@@ -40,9 +40,7 @@ def write(path: str, template: str, title: str, color: str, force: bool = False,
         numbers_head=["#" * (i > 1) + name for i, name in enumerate(appearance.NUMBERS)],
     )  # fmt: skip
     text = environment.get_template(template).render(title=title, color=color, **values)
-    with files.new_file(path, force) as temporary:
-        with open(temporary, "w", encoding="utf-8") as file:
-            file.write(text)
+    files.write_text(path, text, force)
 
 
 def write_figures(path: str, figures: Sequence[Document], force: bool = False) -> None:

@@ -26,7 +26,7 @@ from ground.reports import figures, run_figures, tracking_figures, wrench_figure
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
-Makers = Dict[str, Callable[[], Document]]
+Makers = Dict[str, Callable[[], Any]]  # documents of plotly
 
 
 class Figures(Mapping[str, Any]):
@@ -200,8 +200,9 @@ def _of_discovery(result: Discovery) -> Makers:
         file = os.path.join(folder, flown.flight.inputs) if folder and flown.flight.inputs else ""
         rows = np.loadtxt(file, delimiter=",", skiprows=1) if os.path.isfile(file) else None
         names = [t["name"].replace("_", " ") for t in result.model.core.thrusters]
-        drawn = functools.partial(discovery_figures.flight, flown.flight, flown, rows, names)
-        made["flight %d" % flown.flight.number] = functools.partial(_given, drawn)
+        made["flight %d" % flown.flight.number] = functools.partial(
+            discovery_figures.flight, flown.flight, flown, rows, names
+        )
     return made
 
 
@@ -215,10 +216,7 @@ def _of_history(result: History) -> Makers:
 
 def _errors(found: Optional[Document]) -> Makers:
     """The figure of how far predicted poses are off, where runs are long enough."""
-    if found is None:
-        return {}
-    drawn: Document = found
-    return {"errors": lambda: drawn}
+    return {} if found is None else {"errors": functools.partial(dict, found)}
 
 
 def _inspected(drawn: Drawn, number: int) -> List[Document]:
@@ -226,23 +224,13 @@ def _inspected(drawn: Drawn, number: int) -> List[Document]:
     return drawn.inspected([number])[0]
 
 
-def _given(draw: Callable[[], Any]) -> Document:
-    found: Document = draw()
-    return found
-
-
 def _of_studies(run: str, studies: Callable[[], List[Document]]) -> Makers:
     """The figures of a run against models."""
-    kinds: Dict[str, Callable[[List[Document]], Document]] = {
-        "motion": figures.motion,
-        "wrench": wrench_figures.wrench_over_time,
-        "residuals": figures.residual_correlation,
+    return {
+        "motion " + run: lambda: figures.motion(studies()),
+        "wrench " + run: lambda: wrench_figures.wrench_over_time(studies()),
+        "residuals " + run: lambda: figures.residual_correlation(studies()),
     }
-    return {"%s %s" % (kind, run): functools.partial(_drawn, draw, studies) for kind, draw in kinds.items()}
-
-
-def _drawn(draw: Callable[[List[Document]], Document], studies: Callable[[], List[Document]]) -> Document:
-    return draw(studies())
 
 
 def _study(run: _core.RunData, model: _core.Model, label: str, simulated: Any) -> Document:

@@ -33,8 +33,7 @@ def rows_of(inputs: Any, model: _core.Model) -> Array:
         raise GroundError(text % (rows.shape, 1 + len(channels), ", ".join(channels)))
     if not np.isfinite(rows).all() or rows[0, 0] < 0 or (np.diff(rows[:, 0]) <= 0).any():
         raise GroundError("inputs must be finite, and their times ascend from 0 or later")
-    ends = np.array([t["range"] for t in model.thrusters] if not model.is_pair else [[0.0, 1.0]] * 2)
-    ends = np.vstack([ends, [[0.0, 1.0]]])[: rows.shape[1] - 1]
+    ends = [*(t["range"] for t in model.thrusters), (0.0, 1.0)]
     for name, values, (low, high) in zip(channels, rows[:, 1:].T, ends):
         if values.min() < low or values.max() > high:
             reach = name, values.min(), values.max(), low, high

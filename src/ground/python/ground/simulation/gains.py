@@ -47,10 +47,7 @@ def read(path: str) -> Dict[str, float]:
 
 def write(path: str, choice: _core.ControllerChoice, comments: Iterable[str], force: bool = False) -> str:
     """Writes the gains of a _core.ControllerChoice; comments: lines on their origin."""
-    with files.new_file(path, force) as temporary:
-        with open(temporary, "w") as file:
-            for line in ("Gains of %s." % choice.kind, *comments):
-                file.write("# %s\n" % line)
-            values = {name: float("%.6g" % float(value)) for name, value in choice.values.items()}
-            yaml.safe_dump(values, file, sort_keys=False)
+    values = {name: float("%.6g" % float(value)) for name, value in choice.values.items()}
+    head = "".join("# %s\n" % line for line in ("Gains of %s." % choice.kind, *comments))
+    files.write_text(path, head + str(yaml.safe_dump(values, sort_keys=False)), force)
     return os.path.abspath(path)

@@ -16,21 +16,6 @@ from ground.recordings import messages
 from ground.recordings.battery import Voltage
 from ground.recordings.commands import CHANNELS
 from ground.recordings.inertial import Samples
-from ground.recordings.messages import (
-    BURSTS,
-    CONTROLLER,
-    CONTROLS,
-    DECISION,
-    DRIVE,
-    POSE,
-    REFERENCE,
-    REFERENCE_PATH,
-    RUN_SETTINGS,
-    SETTINGS,
-    TELEMETRY,
-    TRUTH,
-    WANTED,
-)  # fmt: skip
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import AXES
 from ground.support import files
@@ -45,7 +30,7 @@ STARTED = ("WAITING", "LIFTING", "RUNNING", "RECOVERING")  # states in which it 
 PATH_STEP = 5  # references between points of the path
 SENSED = 5e-3  # delay of the craft's sensors [s]
 VOLTAGE_NOISE = 1e-3  # of the measured voltage, relative to it
-TELLS = "%s (ground_msgs/Telemetry)" % TELEMETRY
+TELLS = "%s (ground_msgs/Telemetry)" % messages.TELEMETRY
 MARKER_HEIGHT = 0.04  # height of the markers above the floor [m]
 NS = 10**9
 WORLD = "world_ned"
@@ -180,22 +165,22 @@ def _series(run: SimulatedRun) -> List[Tuple[str, Array, Array, Iterable[Message
     )
     bursts = (_new("ground_msgs/Burst", number=n, burst=burst, reason=why) for _, n, burst, why in run.marks)
     decisions = (
-        _new("ground_msgs/Decision", CONTROLLER, state=_time(row[1]), computing=row[2])
+        _new("ground_msgs/Decision", messages.CONTROLLER, state=_time(row[1]), computing=row[2])
         for row in run.decisions
     )
     sensed = [] if run.inertial is None and run.voltage is None else [_sensed(run)]
     return [
-        (SETTINGS, start, start, settings),
-        (RUN_SETTINGS, made, made, [_new("ground_msgs/RunSettings", yaml=run.made_with)]),
-        (TRUTH, run.truth_times, run.truth_times, truths),
-        (POSE, run.delivered, run.pose_times, _poses(run)),
-        (REFERENCE, followed, run.references[:, 0], _references(run)),
-        (REFERENCE_PATH, followed[:1], run.references[:1, 0], _reference_path(run)),
-        (DRIVE, drives[:, 1], drives[:, 1], began),
-        (BURSTS, marks, marks, bursts),
-        (WANTED, decided, decided, _wanted(run)),
-        (DECISION, decided, decided, decisions),
-        (CONTROLS, run.control_times, run.control_times, _controls(run)),
+        (messages.SETTINGS, start, start, settings),
+        (messages.RUN_SETTINGS, made, made, [_new("ground_msgs/RunSettings", yaml=run.made_with)]),
+        (messages.TRUTH, run.truth_times, run.truth_times, truths),
+        (messages.POSE, run.delivered, run.pose_times, _poses(run)),
+        (messages.REFERENCE, followed, run.references[:, 0], _references(run)),
+        (messages.REFERENCE_PATH, followed[:1], run.references[:1, 0], _reference_path(run)),
+        (messages.DRIVE, drives[:, 1], drives[:, 1], began),
+        (messages.BURSTS, marks, marks, bursts),
+        (messages.WANTED, decided, decided, _wanted(run)),
+        (messages.DECISION, decided, decided, decisions),
+        (messages.CONTROLS, run.control_times, run.control_times, _controls(run)),
         *sensed,
     ]
 
@@ -218,7 +203,7 @@ def _sensed(run: SimulatedRun) -> Tuple[str, Array, Array, Iterable[Message]]:
         )
         for row, voltage in zip(rows, volts.tolist())
     )
-    return TELEMETRY, times, times, found
+    return messages.TELEMETRY, times, times, found
 
 
 def _poses(run: SimulatedRun) -> Iterator[Message]:
@@ -238,7 +223,7 @@ def _controls(run: SimulatedRun) -> Iterator[Message]:
     for stage, row in zip(at, run.controls):
         message = _inputs(run, row[:-1], row[-1])
         if stage >= 0 and started[stage]:
-            message.header.frame_id = CONTROLLER
+            message.header.frame_id = messages.CONTROLLER
         yield message
 
 
@@ -254,7 +239,7 @@ def _wanted(run: SimulatedRun) -> Iterator[Message]:
     at = np.searchsorted(run.control_times, run.decisions[:, 0])
     for row, command in zip(run.decisions, run.controls[np.minimum(at, len(run.controls) - 1)]):
         message = _inputs(run, row[3:], command[-1])
-        message.header.frame_id = CONTROLLER
+        message.header.frame_id = messages.CONTROLLER
         yield message
 
 

@@ -31,18 +31,12 @@ def add_options(parser: argparse.ArgumentParser, kind: Type[Any]) -> None:
         name = more.pop("name", "--" + one.name.replace("_", "-"))
         title = more.pop("group", None)
         if "range" in more:
-            low, high = more.pop("range")
-            text = "is not between %g and %g" % (low, high)
-            more["type"] = _number(more.get("type", float), functools.partial(_is_between, low, high), text)
+            more["type"] = _between(more.get("type", float), *more.pop("range"))
         if title not in groups:
             groups[title] = parser.add_argument_group(title)
         if one.default is False and "nargs" not in more:
             more["action"] = "store_true"
         groups[title].add_argument(name, dest=one.name, default=one.default, **more)
-
-
-def _is_between(low: float, high: float, value: float) -> bool:
-    return low <= value <= high
 
 
 def options(arguments: argparse.Namespace, kind: Type[_O]) -> _O:
@@ -121,6 +115,10 @@ def _number(kind: Callable[[str], _N], allows: Callable[[_N], bool], otherwise: 
 
     parse.__name__ = "number"
     return parse
+
+
+def _between(kind: Callable[[str], _N], low: float, high: float) -> Callable[[str], _N]:
+    return _number(kind, lambda x: low <= x <= high, "is not between %g and %g" % (low, high))
 
 
 above_zero = _number(float, lambda x: x > 0, "is not positive")

@@ -94,9 +94,9 @@ def check_bag_folder(path: str) -> None:
         raise GroundError("cannot write to the bag folder %s: %s" % (path, reason(error)))
 
 
-def temporary_file(folder: str, suffix: str = "", prefix: str = ".ground-") -> str:
+def temporary_file(folder: str, suffix: str) -> str:
     """Path of a new empty file, with the permissions that the user's umask leaves. Raises OSError."""
-    handle, path = tempfile.mkstemp(suffix, prefix, folder)
+    handle, path = tempfile.mkstemp(suffix, ".ground-", folder)
     os.close(handle)
     os.unlink(path)  # only its owner may read it
     os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
@@ -134,23 +134,23 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def write_text(path: str, text: str, force: bool = False) -> None:
+    """Writes a text in UTF-8; GroundError as from new_file."""
+    with new_file(path, force) as temporary, open(temporary, "w", encoding="utf-8") as file:
+        file.write(text)
+
+
 def write_json(path: str, value: Any, force: bool = False) -> None:
     """Writes a value as JSON, None for numbers that are not finite; GroundError as from new_file."""
-    with new_file(path, force) as temporary:
-        with open(temporary, "w") as file:
-            json.dump(plain(value), file, indent=1, allow_nan=False)
-            file.write("\n")
+    write_text(path, json.dumps(plain(value), indent=1, allow_nan=False) + "\n", force)
 
 
 def write_yaml(path: str, value: Any, force: bool = False) -> None:
     """Writes a value as YAML, keys in their order; GroundError as from new_file."""
-    with new_file(path, force) as temporary:
-        with open(temporary, "w") as file:
-            yaml.safe_dump(value, file, sort_keys=False)
+    write_text(path, yaml.safe_dump(value, sort_keys=False), force)
 
 
 def write_csv(path: str, header: str, rows: Iterable[Sequence[float]], force: bool = False) -> None:
     """Writes rows of numbers under a line of column names."""
-    with new_file(path, force) as temporary, open(temporary, "w") as file:
-        file.write(header + "\n")
-        file.writelines(",".join("%.9g" % value for value in row) + "\n" for row in rows)
+    lines = [header, *(",".join("%.9g" % value for value in row) for row in rows)]
+    write_text(path, "\n".join(lines) + "\n", force)

@@ -18,7 +18,8 @@ struct BatteryVoltage {
             {{"p", "-", "power of the voltage over that at which k holds", 0, 0, 5,
               [](const Body<double>&) { return 1.0; }}},
             0,
-            {},
+            0,
+            nullptr,
             true};
   }
   template <typename T>

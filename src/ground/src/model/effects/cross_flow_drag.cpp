@@ -13,9 +13,7 @@ struct CrossFlowDrag {
   static constexpr bool kUsesPose = false;
 
   static EffectInfo info() {
-    const auto scale = [](const Body<double>& b) {
-      return 0.1 * typical::force(b) / (typical::speed(b) * typical::speed(b));
-    };
+    const auto scale = typical::forcePer(2);
     return EffectInfo{"cross_flow_drag",
                       "drag of the flow across the hull",
                       {{"fore", "N s^2/m^2", "of the fore half", 0, 0, kUnbounded, scale},

@@ -14,7 +14,7 @@ struct DirectionalYawDamping {
     return {"directional_yaw_damping",
             "yaw damping that differs by direction",
             {{"na", "N m s", "more damping clockwise, less the other way", 0, -kUnbounded, kUnbounded,
-              [](const Body<double>& b) { return 0.1 * typical::moment(b) / typical::yawRate(b); }}}};
+              typical::momentPer(0, 1)}}};
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {

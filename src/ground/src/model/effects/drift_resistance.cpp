@@ -11,17 +11,12 @@ struct DriftResistance {
   static constexpr bool kUsesPose = false;
 
   static EffectInfo info() {
-    const auto per = [](double speeds) {
-      return [speeds](const Body<double>& b) {
-        return 0.1 * typical::force(b) * std::pow(typical::speed(b), -speeds) *
-               std::pow(typical::yawRate(b), speeds - 2);
-      };
-    };
-    return EffectInfo{"drift_resistance",
-                      "resistance of a hull that drifts, turns",
-                      {{"xvv", "N s^2/m^2", "by sway", 0, -kUnbounded, kUnbounded, per(2)},
-                       {"xvr", "N s^2/m", "by sway and yaw", 0, -kUnbounded, kUnbounded, per(1)},
-                       {"xrr", "N s^2", "by yaw", 0, -kUnbounded, kUnbounded, per(0)}}}
+    return EffectInfo{
+        "drift_resistance",
+        "resistance of a hull that drifts, turns",
+        {{"xvv", "N s^2/m^2", "by sway", 0, -kUnbounded, kUnbounded, typical::forcePer(2, 0)},
+         {"xvr", "N s^2/m", "by sway and yaw", 0, -kUnbounded, kUnbounded, typical::forcePer(1, 1)},
+         {"xrr", "N s^2", "by yaw", 0, -kUnbounded, kUnbounded, typical::forcePer(0, 2)}}}
         .of(Surroundings::kWater);
   }
   template <typename T>

@@ -11,24 +11,13 @@ struct HullLift {
   static constexpr bool kUsesPose = false;
 
   static EffectInfo info() {
-    const auto sway = [](const Body<double>& b) {
-      return 0.1 * typical::force(b) / (typical::speed(b) * typical::speed(b));
-    };
-    const auto turn = [](const Body<double>& b) {
-      return 0.1 * typical::moment(b) / (typical::speed(b) * typical::yawRate(b));
-    };
-    const auto drift = [](const Body<double>& b) {
-      return 0.1 * typical::moment(b) / (typical::speed(b) * typical::speed(b));
-    };
-    const auto both = [](const Body<double>& b) {
-      return 0.1 * typical::force(b) / (typical::speed(b) * typical::yawRate(b));
-    };
-    return EffectInfo{"hull_lift",
-                      "linear manoeuvring derivatives of a hull",
-                      {{"yv", "N s^2/m^2", "side force by drift", 0, -kUnbounded, kUnbounded, sway},
-                       {"yr", "N s^2/m", "side force by turning", 0, -kUnbounded, kUnbounded, both},
-                       {"nv", "N s^2/m", "yaw moment by drift", 0, -kUnbounded, kUnbounded, drift},
-                       {"nr", "N s^2", "yaw moment by turning", 0, -kUnbounded, kUnbounded, turn}}}
+    return EffectInfo{
+        "hull_lift",
+        "linear manoeuvring derivatives of a hull",
+        {{"yv", "N s^2/m^2", "side force by drift", 0, -kUnbounded, kUnbounded, typical::forcePer(2)},
+         {"yr", "N s^2/m", "side force by turning", 0, -kUnbounded, kUnbounded, typical::forcePer(1, 1)},
+         {"nv", "N s^2/m", "yaw moment by drift", 0, -kUnbounded, kUnbounded, typical::momentPer(2)},
+         {"nr", "N s^2", "yaw moment by turning", 0, -kUnbounded, kUnbounded, typical::momentPer(1, 1)}}}
         .of(Surroundings::kWater);
   }
   template <typename T>

@@ -13,25 +13,19 @@ struct HullNonlinear {
   static constexpr bool kUsesPose = false;
 
   static EffectInfo info() {
-    // Of a force of v^(3 - turns) r^turns over V, of a moment with a lever.
-    const auto per = [](int turns, bool moment) {
-      return [turns, moment](const Body<double>& b) {
-        return 0.1 * (moment ? typical::moment(b) : typical::force(b)) *
-               std::pow(typical::speed(b), turns - 2) * std::pow(typical::yawRate(b), -turns);
-      };
-    };
+    using typical::forcePer, typical::momentPer;
     return EffectInfo{
         "hull_nonlinear",
         "nonlinear manoeuvring derivatives",
-        {{"xvvvv", "N s^2/m^2", "surge force by drift", 0, -kUnbounded, kUnbounded, per(0, false)},
-         {"yvvv", "N s^2/m^2", "side force by drift", 0, -kUnbounded, kUnbounded, per(0, false)},
-         {"yvvr", "N s^2/m", "by drift, turning", 0, -kUnbounded, kUnbounded, per(1, false)},
-         {"yvrr", "N s^2", "by turning, drift", 0, -kUnbounded, kUnbounded, per(2, false)},
-         {"yrrr", "N m s^2", "by turning", 0, -kUnbounded, kUnbounded, per(3, false)},
-         {"nvvv", "N s^2/m", "yaw moment by drift", 0, -kUnbounded, kUnbounded, per(0, true)},
-         {"nvvr", "N s^2", "by drift, turning", 0, -kUnbounded, kUnbounded, per(1, true)},
-         {"nvrr", "N m s^2", "by turning, drift", 0, -kUnbounded, kUnbounded, per(2, true)},
-         {"nrrr", "N m^2 s^2", "by turning", 0, -kUnbounded, kUnbounded, per(3, true)}}}
+        {{"xvvvv", "N s^2/m^2", "surge force by drift", 0, -kUnbounded, kUnbounded, forcePer(2, 0)},
+         {"yvvv", "N s^2/m^2", "side force by drift", 0, -kUnbounded, kUnbounded, forcePer(2, 0)},
+         {"yvvr", "N s^2/m", "by drift, turning", 0, -kUnbounded, kUnbounded, forcePer(1, 1)},
+         {"yvrr", "N s^2", "by turning, drift", 0, -kUnbounded, kUnbounded, forcePer(0, 2)},
+         {"yrrr", "N m s^2", "by turning", 0, -kUnbounded, kUnbounded, forcePer(-1, 3)},
+         {"nvvv", "N s^2/m", "yaw moment by drift", 0, -kUnbounded, kUnbounded, momentPer(2, 0)},
+         {"nvvr", "N s^2", "by drift, turning", 0, -kUnbounded, kUnbounded, momentPer(1, 1)},
+         {"nvrr", "N m s^2", "by turning, drift", 0, -kUnbounded, kUnbounded, momentPer(0, 2)},
+         {"nrrr", "N m^2 s^2", "by turning", 0, -kUnbounded, kUnbounded, momentPer(-1, 3)}}}
         .of(Surroundings::kWater);
   }
   template <typename T>

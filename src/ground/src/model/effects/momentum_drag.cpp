@@ -10,8 +10,7 @@ struct MomentumDrag {
   static EffectInfo info() {
     return EffectInfo{"momentum_drag",
                       "drag by air that the lift fan takes in",
-                      {{"q", "kg/s", "mass flow at full lift", 0, 0, kUnbounded,
-                        [](const Body<double>& b) { return 0.1 * typical::force(b) / typical::speed(b); }}}}
+                      {{"q", "kg/s", "mass flow at full lift", 0, 0, kUnbounded, typical::forcePer(1)}}}
         .of(Surroundings::kLift);
   }
   template <typename T>

@@ -15,9 +15,6 @@ struct MotorLag {
             "first-order lag of the thrusters",
             {{"tau", "s", "time constant", 0, 0, 2, [](const Body<double>&) { return 0.05; }}},
             0,
-            {},
-            false,
-            nullptr,
             1};
   }
   template <typename T>

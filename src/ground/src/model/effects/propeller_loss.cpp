@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <cmath>
 
 #include "ground/model/effect_registry.h"
@@ -17,15 +16,8 @@ struct PropellerLoss {
             {{"b", "s/m", "loss per speed, relative at full revolutions", 0, -5, 5,
               [](const Body<double>& b) { return 0.1 / typical::speed(b); }}},
             0,
-            {},
-            false,
-            nullptr,
             0,
-            [](const ThrusterLayout& layout) {
-              const auto& all = layout.thrusters();
-              return std::any_of(all.begin(), all.end(),
-                                 [](const Thruster& one) { return isPropeller(one); });
-            }};
+            [](const ThrusterLayout& layout) { return layout.any(isPropeller); }};
   }
   template <typename T>
   static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {

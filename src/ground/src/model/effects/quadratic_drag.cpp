@@ -11,16 +11,11 @@ struct QuadraticDrag {
   static constexpr bool kUsesPose = false;
 
   static EffectInfo info() {
-    const auto linear = [](const Body<double>& b) {
-      return 0.1 * typical::force(b) / (typical::speed(b) * typical::speed(b));
-    };
     return {"quadratic_drag",
             "drag that grows with speed squared",
-            {{"cx", "N s^2/m^2", "surge", 0, 0, kUnbounded, linear},
-             {"cy", "N s^2/m^2", "sway", 0, 0, kUnbounded, linear},
-             {"cr", "N m s^2", "yaw", 0, 0, kUnbounded, [](const Body<double>& b) {
-                return 0.1 * typical::moment(b) / (typical::yawRate(b) * typical::yawRate(b));
-              }}}};
+            {{"cx", "N s^2/m^2", "surge", 0, 0, kUnbounded, typical::forcePer(2)},
+             {"cy", "N s^2/m^2", "sway", 0, 0, kUnbounded, typical::forcePer(2)},
+             {"cr", "N m s^2", "yaw", 0, 0, kUnbounded, typical::momentPer(0, 2)}}};
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {

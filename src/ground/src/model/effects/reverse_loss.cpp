@@ -1,5 +1,3 @@
-#include <algorithm>
-
 #include "ground/model/effect_registry.h"
 
 namespace ground {
@@ -15,14 +13,8 @@ struct ReverseLoss {
             {{"a", "-", "share of the thrust that is lost backward", 0, -1, 1,
               [](const Body<double>&) { return 0.1; }}},
             0,
-            {},
-            false,
-            nullptr,
             0,
-            [](const ThrusterLayout& layout) {
-              const auto& all = layout.thrusters();
-              return std::any_of(all.begin(), all.end(), [](const Thruster& one) { return reverses(one); });
-            }};
+            [](const ThrusterLayout& layout) { return layout.any(reverses); }};
   }
   template <typename T>
   static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {

@@ -15,9 +15,6 @@ struct SupplyDroop {
             {{"s", "-", "relative loss per other thruster at full input", 0, 0, 10,
               [](const Body<double>&) { return 0.05; }}},
             0,
-            {},
-            false,
-            nullptr,
             0,
             [](const ThrusterLayout& layout) { return layout.forces() > 2; }};
   }

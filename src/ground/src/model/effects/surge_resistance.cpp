@@ -12,10 +12,7 @@ struct SurgeResistance {
   static EffectInfo info() {
     return EffectInfo{"surge_resistance",
                       "resistance of the hull, X_|u|u",
-                      {{"xuu", "N s^2/m^2", "at 1 m/s", 0, 0, kUnbounded,
-                        [](const Body<double>& b) {
-                          return 0.1 * typical::force(b) / (typical::speed(b) * typical::speed(b));
-                        }}}}
+                      {{"xuu", "N s^2/m^2", "at 1 m/s", 0, 0, kUnbounded, typical::forcePer(2)}}}
         .of(Surroundings::kWater);
   }
   template <typename T>

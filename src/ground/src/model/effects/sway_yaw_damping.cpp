@@ -10,10 +10,8 @@ struct SwayYawDamping {
   static EffectInfo info() {
     return {"sway_yaw_damping",
             "damping that couples sway and yaw",
-            {{"yr", "N s", "sway force per yaw rate", 0, -kUnbounded, kUnbounded,
-              [](const Body<double>& b) { return 0.1 * typical::force(b) / typical::yawRate(b); }},
-             {"nv", "N s", "yaw moment per sway", 0, -kUnbounded, kUnbounded,
-              [](const Body<double>& b) { return 0.1 * typical::moment(b) / typical::speed(b); }}}};
+            {{"yr", "N s", "sway force per yaw rate", 0, -kUnbounded, kUnbounded, typical::forcePer(0, 1)},
+             {"nv", "N s", "yaw moment per sway", 0, -kUnbounded, kUnbounded, typical::momentPer(1)}}};
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {

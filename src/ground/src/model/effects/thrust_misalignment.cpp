@@ -16,9 +16,6 @@ struct ThrustMisalignment {
             {{"angle", "rad", "angle, positive to starboard", 0, -M_PI, M_PI,
               [](const Body<double>&) { return 0.1; }}},
             0,
-            {},
-            false,
-            nullptr,
             0,
             [](const ThrusterLayout& layout) {  // one that turns has angle_offset
               const auto& all = layout.links();

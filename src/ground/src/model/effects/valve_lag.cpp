@@ -1,5 +1,3 @@
-#include <algorithm>
-
 #include "approach.h"
 #include "ground/model/effect_registry.h"
 
@@ -14,13 +12,9 @@ struct ValveLag {
             {{"open", "s", "time constant of opening", 0, 0, 2, typical},
              {"close", "s", "time constant of closing", 0, 0, 2, typical}},
             0,
-            {},
-            false,
-            nullptr,
             1,
             [](const ThrusterLayout& layout) {
-              const auto& all = layout.thrusters();
-              return std::any_of(all.begin(), all.end(), [](const Thruster& one) { return one.on_off; });
+              return layout.any([](const Thruster& one) { return one.on_off; });
             }};
   }
   template <typename T>
