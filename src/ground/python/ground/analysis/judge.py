@@ -92,10 +92,10 @@ def _gain(larger: Tested, smaller: Tested) -> Tuple[float, float]:
 
 
 def _rise(larger: Tested, smaller: Tested) -> Tuple[float, float, float]:
-    """Relative rise of the squared errors; its standard error, that of a ratio of means (Cochran 1977, section
-    6.4), of the smaller over the larger mean, so that hypotheses may change places; and how many standard
-    errors the rise of blocks is above zero, each relative to what both leave in it: few blocks with large
-    errors do not decide."""
+    """Relative rise of the squared errors; its standard error, that of a ratio of means (Cochran 1977,
+    section 6.4), of the smaller over the larger mean, so that hypotheses may change places; and how many
+    standard errors the rise of blocks is above zero, each relative to what both leave in it: few blocks with
+    large errors do not decide."""
     if not len(larger.poses):
         return 0.0, np.inf, 0.0
     if not np.isfinite(larger.poses).all() or not np.isfinite(smaller.poses).all():
