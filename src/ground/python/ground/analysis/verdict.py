@@ -30,7 +30,6 @@ from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
 LENGTHS = (1.0, 1 / 3)  # of windows of the refits without effects, relative to those of the error
-SHORTER = 0.9  # largest ratio of errors at which a longer formula is worth it
 LENGTHENED = 3  # formulas, each longer than the one before
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave something without a name
@@ -335,33 +334,29 @@ class _Named:
 
 
 def _name(found: Diagnosis, before: Refit, doubted: Optional[Ceiling] = None) -> Optional[_Named]:
-    """A formula for what is learnable, made longer while the cross-validated error falls and is more than
-    the noise explains. The first may raise the error: a function of the commands does without the
-    constant that it needs. doubted: a Ceiling that does not say that something is left; None unless the first
-    formula shows it, and is confirmed."""
-    best, least = None, float(found.best.heldout.sum())
+    """A formula for what is learnable, made longer while the judge proves it and the noise leaves less; None
+    unless it is proved. before: the best refit without effects, against which it must not be vetoed; doubted:
+    a Ceiling that does not say that something is left: the first formula has to show it."""
+    best: Optional[_Named] = None
 
     def shows(made: naming.Formula) -> bool:
         """Whether runs show that a formula is learnable."""
         return doubted is None or doubted.reached_by(made.fit.model).said
 
     made = found.formula_of(found.names, shows)
-    for number in range(LENGTHENED):
+    for _ in range(LENGTHENED):
         named = None if made is None else _judged(found, made)
-        after = np.inf if named is None else float(named.judged.heldout.sum())
-        if made is None or (after >= least and number > 0):
+        if named is None or (best and not found.compared(named.judged.tested, best.judged.tested).is_better):
             break
-        if doubted and (named is None or not named.is_confirmed(found)):
+        if doubted and not named.is_confirmed(found):
             break
-        is_done = after < EXPLAINED * found.noise_floor(found.names) or SHORTER * least < after < least
-        if after < least:
-            best, least = named, after
-        if is_done:
+        best = named
+        if float(named.judged.heldout.sum()) < EXPLAINED * found.noise_floor(found.names):
             break
-        beside = ceiling.found_beside(found.likelihood, made.fit, found.runs, found.cut)
+        beside = ceiling.found_beside(found.likelihood, named.formula.fit, found.runs, found.cut)
         if beside is None:
             break
-        made = naming.formula(found.likelihood, found.fit, beside.regression, made)
+        made = naming.formula(found.likelihood, found.fit, beside.regression, named.formula)
     if best and (not best.is_confirmed(found) or found.compared(best.judged.tested, before.tested).is_worse):
         return None
     return best

@@ -71,7 +71,8 @@ def _answers(report: Document) -> Iterator[str]:
         return
     for step in report["steps"]:
         yield _effect(report, step)
-    if report["improved"].get("by") == SIMULATION:
+    by_simulation = report["improved"].get("by") == SIMULATION  # not in reports of release 1.0.0
+    if by_simulation and report["steps"]:
         yield (
             "Found by simulation error. What the likelihood prefers predicts data that it was not fitted to "
             "worse: what moves the craft by chance, or the errors of its poses, last longer here than its "
@@ -80,7 +81,9 @@ def _answers(report: Document) -> Iterator[str]:
     rest = _rest(report)
     if rest:
         yield rest
-    elif report["steps"] and _rest_matters(report):
+    if by_simulation and not report["steps"]:
+        yield "The model is refitted by simulation error: it predicts better than the one by likelihood."
+    if report["steps"] and not rest and _rest_matters(report):
         yield capital(_left(report))
 
 
@@ -179,18 +182,18 @@ def undecided(report: Document) -> str:
     found = report["ceiling"]
     if number(report["noise_floor"]) == "-":
         return "the model's motion is not finite along whole runs, so that what noise leaves is not known."
+    refuted = [dropped for dropped in report["dropped"] if dropped["change"] is None]
+    if refuted:
+        return "%s fits these runs best, but %s." % (
+            words.effect(report, refuted[-1]["effect"]),
+            refuted[-1]["why"],
+        )
     if found["terms"]:
         return "what they show about %s does not predict the other runs." % words.arguments(report)
     if not report["agreement"]["holds"]:
         return (
             "what is left acts at some times or places only, as a draught, a cable or a bad patch of "
             "floor do."
-        )
-    refuted = [dropped for dropped in report["dropped"] if dropped["change"] is None]
-    if refuted:
-        return "%s fits these runs best, but %s." % (
-            words.effect(report, refuted[-1]["effect"]),
-            refuted[-1]["why"],
         )
     return (
         "a random disturbance explains what is left as well as an effect would (of up to %.0f%% of it)."
