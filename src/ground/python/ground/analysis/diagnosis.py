@@ -38,6 +38,9 @@ from ground.support.errors import GroundError
 from ground.support.progress import Work
 from ground.support.workers import Workers
 
+# Multiple of the significant log-likelihood ratio from which an effect is seen even if a quarter of the poses
+# only were independent.
+GLARING = 4.0
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 FLOORS = 5  # simulations over which the noise floor is averaged
 SLIGHT = "it is too small to matter"
@@ -118,7 +121,7 @@ class Diagnosis:
             Fitting(self.likelihood, self.given, by_name),
             self.each,
             self.work,
-            lambda better, current: self._refuted(better, current) is None,
+            lambda better, current: self._refuted(better, current, whole=False) is None,
         )
         self.search.nominal(near)
         self.nominal = self.judge(frozenset())
@@ -267,16 +270,22 @@ class Diagnosis:
         # on long runs the likelihood detects a millisecond of network latency as a delay
         return why if why or self._matters(self._change(found, rest)) else SLIGHT
 
-    def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Optional[str]:
-        """Reason why held-out data do not show that a set is better than a smaller one; None if they do."""
-        found_out = self.confirmed(found, rest)
-        if found_out.is_worse:
+    def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str], whole: bool = True) -> Optional[str]:
+        """Reason why held-out data speak against a set and for a smaller one; None if they do not. Effects
+        that are glaring need no proof: they are then said to be seen, and not confirmed. whole: the larger
+        set is what is found, and no step on the way, which may predict worse than what it leads to."""
+        judged = self.confirmed(found, rest)
+        if whole and judged.is_worse:
             return "it makes predictions of held-out runs worse"
-        return None if found_out.is_better else "it does not improve predictions of held-out runs"
+        enough = GLARING * sum(self.search.threshold(name) for name in found - rest)
+        if judged.is_better or self.search.ratio(found, rest) >= enough:
+            return None
+        return "it does not improve predictions of held-out runs"
 
     def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Comparison:
-        """A set compared with a smaller one on parts of the runs that neither was fitted to."""
-        return self.compared(self.judge(found).tested, self.judge(rest).tested)
+        """A set compared with a smaller one on parts of the runs that neither was fitted to. What matters does
+        not count: of many effects some would be vetoed by chance."""
+        return compared(self.judge(found).tested, self.judge(rest).tested, np.full(2, np.inf))
 
     def compared(self, larger: Tested, smaller: Tested) -> Comparison:
         """The Comparison of two hypotheses, by what matters here."""
