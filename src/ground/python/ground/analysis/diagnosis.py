@@ -272,13 +272,13 @@ class Diagnosis:
 
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str], whole: bool = True) -> Optional[str]:
         """Reason why held-out data speak against a set and for a smaller one; None if they do not. Effects
-        that are glaring need no proof: they are then said to be seen, and not confirmed. whole: the larger
-        set is what is found, and no step on the way, which may predict worse than what it leads to."""
+        that are likely or glaring need no proof: they are then said to be seen, and not confirmed. whole: the
+        larger set is what is found, and no step on the way, which may predict worse than what it leads to."""
         judged = self.confirmed(found, rest)
         if whole and judged.is_worse:
             return "it makes predictions of held-out runs worse"
         enough = GLARING * sum(self.search.threshold(name) for name in found - rest)
-        if judged.is_better or self.search.ratio(found, rest) >= enough:
+        if judged.is_likely or self.search.ratio(found, rest) >= enough:
             return None
         return "it does not improve predictions of held-out runs"
 

@@ -59,6 +59,11 @@ class Comparison:
         """Whether the larger hypothesis is proved."""
         return self.verdict == BETTER
 
+    @property
+    def is_likely(self) -> bool:
+        """Whether the larger hypothesis is better by more than a standard error: proved or not."""
+        return self.gain > self.gain_error or -self.rise > self.rise_error
+
 
 def compared(larger: Tested, smaller: Tested, matters: Array) -> Comparison:
     """The Comparison of two hypotheses. matters: least change of position [mm] and heading [deg] that
