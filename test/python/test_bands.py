@@ -9,7 +9,8 @@ import pytest
 
 from conftest import slow
 from ground import _core
-from ground.analysis import bands, folds, horizon, window_error
+from ground.analysis import bands, folds, window_error
+from ground.analysis.horizon import Starts
 from ground.analysis.likelihood import Likelihood
 from ground.diagnosing import words
 from ground.recordings import windows
@@ -43,7 +44,7 @@ def shares(found):
 
 def of_folds(case):
     runs, _, fit = case
-    split = folds.Folds(runs, Likelihood(runs, fit.model), windows.cut(runs), horizon.Starts.of(runs, 1.0))
+    split = folds.Folds(runs, Likelihood(runs, fit.model), windows.cut(runs), Starts.of(runs, 1.0))
     return bands.of_folds(split, fit)
 
 
@@ -80,7 +81,7 @@ def test_a_single_run_is_predicted_by_its_other_quarters(cases):
     near = dataclasses.replace(fit, loudness=())
     fit = Likelihood(alone, fit.model).fit(fit.model, fit.free, near=near)
     whole = Likelihood(alone, fit.model)
-    split = folds.Folds(alone, whole, windows.cut(alone), horizon.Starts.of(alone, 1.0))
+    split = folds.Folds(alone, whole, windows.cut(alone), Starts.of(alone, 1.0))
     (found,) = bands.of_folds(split, fit)
     starts = [p.times[0] for p in found.predictions]
     assert starts == sorted(starts) and len(set(starts)) == len(starts)

@@ -5,7 +5,7 @@ import pytest
 
 from conftest import recording_of
 from ground import _core
-from ground.recordings import reply
+from ground.recordings import kinematics, reply
 from ground.recordings.repair import Motion
 
 EFFECT = np.array([[0.9, 0.1, 19.0], [0.8, -0.2, -21.0], [-0.3, 0.7, 12.0]])  # accelerations by full thrust
@@ -24,7 +24,7 @@ def recorded(noise=0.0, seed=5, duration=24.0, together=False):
     phases = np.array([1.1, 0.7, 0.5])[:, None] * times + [[0.0], [1.0], [2.0]]
     nu = (0.4 * np.sin(phases) + 0.2 * np.cos(3.1 * phases)).T * [1, 0.5, 5]
     at = np.searchsorted(edges, times + 1e-9, side="right") - 1
-    wanted = thrust[at] @ EFFECT + reply.smooth_terms(nu) @ DRAG
+    wanted = thrust[at] @ EFFECT + kinematics.smooth_terms(nu) @ DRAG
     wanted += noise * np.random.default_rng(seed).normal(size=wanted.shape)
     u, v, r = nu.T
     eta, flags = np.column_stack([0 * r, 0 * r, np.cumsum(r) / 100]), np.zeros(len(times), bool)

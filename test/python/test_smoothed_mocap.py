@@ -8,13 +8,13 @@ from scipy import signal
 
 import ground
 from conftest import MODEL, ROOT, identify
-from ground.recordings import smoothed, suspicions
+from ground.recordings import low_pass, smoothed, suspicions
+from ground.recordings.low_pass import LowPass
 from ground.recordings.recording import Recording
-from ground.recordings.smoothed import LowPass
 
 CASE = ROOT.parent / "shared" / "data" / "cases_2" / "poses_filtered"
 LEVER = 0.06  # between markers, by which noise of positions is that of headings [m]
-FORMS = sorted(smoothed.POLES)
+FORMS = sorted(low_pass.POLES)
 
 
 def flown(seed, rate, noise, effects=(), duration=20.0):

@@ -283,8 +283,8 @@ class Diagnosis:
         return "it does not improve predictions of held-out runs"
 
     def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Comparison:
-        """A set compared with a smaller one on parts of the runs that neither was fitted to. What matters does
-        not count: of many effects some would be vetoed by chance."""
+        """A set compared with a smaller one on parts of the runs that neither was fitted to. What matters
+        does not count: of many effects some would be vetoed by chance."""
         return compared(self.judge(found).tested, self.judge(rest).tested, np.full(2, np.inf))
 
     def compared(self, larger: Tested, smaller: Tested) -> Comparison:

@@ -18,7 +18,7 @@ MIN_POSES = 10  # intervals between poses in the shortest horizon
 WARM_UP = 0.5  # time before a start that its initial velocities are fitted to [horizons]
 MIN_STARTS = 4  # in all runs
 MAX_STARTS = 160
-SHOWN = 40  # predictions on artificial recordings
+SHOWN = 40  # predictions for a report, and on artificial recordings
 DRAWS = 4  # artificial recordings of each run
 # A change of predicted poses matters from this multiple of the noise of a pose on: it can be seen without
 # statistics (Rose's criterion). More data make an effect more certain, not larger. For a palm-sized craft a
@@ -205,6 +205,7 @@ def prediction_error(
     at = Starts.of(runs, seconds)
     if not len(at.windows):
         return None
+    at = Starts(windows.spread(list(at.windows), SHOWN), seconds)
     errors = {name: PoseError.of(at.errors(runs, own(at.windows))) for name, own in models.items()}
     return with_floors(runs, at, errors, truth, levels)
 

@@ -10,7 +10,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from ground.recordings import blocks, reply, scatter
+from ground.recordings import blocks, kinematics, reply, scatter
 from ground.recordings.recording import Recording
 from ground.support.annotations import Array, Indices
 
@@ -74,7 +74,7 @@ def _averaged(
 def _run(recording: Recording, told: Told, twisted: bool, width: float, shift: float) -> Optional[_Run]:
     """The averages of a recording over a width [s]; shift: to earlier and later commands [s]."""
     motion, sent = recording.motion, recording.control_times
-    inside = reply.middle(motion) & (motion.times > sent[0] + shift) & (motion.times < sent[-1] - shift)
+    inside = kinematics.middle(motion) & (motion.times > sent[0] + shift) & (motion.times < sent[-1] - shift)
     if not inside.any():
         return None
     times, commands = motion.times[inside], told(recording)

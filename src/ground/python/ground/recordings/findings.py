@@ -6,7 +6,7 @@ from typing import Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import headings, repair, reply, scatter, suspicions, words
+from ground.recordings import headings, kinematics, repair, reply, scatter, suspicions, words
 from ground.recordings.quality import SHORTEST, RepairedRun, lifted, same_inputs
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import NAMES, RunFile
@@ -66,7 +66,7 @@ def described(run: RepairedRun) -> Document:
         "rest_at_end": float(run.end - run.active[1]),
         "without_lift": [
             {"start": float(times[s[0]]), "end": float(times[s[-1]])}
-            for s in reply.stretches(times, grounded, run.motion.scales.max_gap)
+            for s in kinematics.stretches(times, grounded, run.motion.scales.max_gap)
         ],
         "drives": {"begin": [float(t) for t in run.drives], "by": run.drives_by},
         "poses": _poses_of(run),

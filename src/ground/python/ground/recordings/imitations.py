@@ -10,7 +10,7 @@ from typing import List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.recordings import layouts, reply
+from ground.recordings import kinematics, layouts, reply
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
 from ground.support.annotations import Array
@@ -83,14 +83,14 @@ def rough(recordings: Sequence[Recording]) -> Optional[_core.Model]:
 def _means(recording: Recording) -> Optional[Array]:
     """Accelerations, velocities and inputs of a pair (n, 8), averaged over the coarse time of a recording."""
     motion, sent = recording.motion, recording.control_times
-    inside = reply.middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
+    inside = kinematics.middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
     if not inside.any():
         return None
     times = motion.times[inside]
     commands = reply.commands_at(
         recording, recording.commands_of(["left", "right"]), times - reply.lag_of(recording)
     )
-    rows = np.column_stack([reply.accelerations(motion)[inside], motion.nu[inside], commands])
+    rows = np.column_stack([kinematics.accelerations(motion)[inside], motion.nu[inside], commands])
     return reply.coarse(motion, times, rows)
 
 

@@ -6,7 +6,7 @@ from typing import Callable, Dict, List, NamedTuple, Tuple
 
 import numpy as np
 
-from ground.recordings import reply
+from ground.recordings import kinematics, reply
 from ground.recordings.recording import Recording
 from ground.support.annotations import Array
 
@@ -33,12 +33,12 @@ def find(recording: Recording) -> List[Clock]:
     """The Clock that explains the accelerations best with a drift, and the one without; none where the
     commands explain little."""
     motion = recording.motion
-    inside = np.flatnonzero(reply.middle(motion))
+    inside = np.flatnonzero(kinematics.middle(motion))
     inside = inside[:: 1 + len(inside) // reply.CLOCK_SAMPLES]
     if len(inside) < reply.MIN_SAMPLES:
         return []
-    times, base = motion.times[inside], np.linalg.qr(reply.smooth_terms(motion.nu[inside]))[0]
-    wanted = reply.clipped(reply.accelerations(motion)[inside])
+    times, base = motion.times[inside], np.linalg.qr(kinematics.smooth_terms(motion.nu[inside]))[0]
+    wanted = kinematics.clipped(kinematics.accelerations(motion)[inside])
     wanted = wanted - base @ (base.T @ wanted)
     if not (wanted**2).sum() > 0:
         return []

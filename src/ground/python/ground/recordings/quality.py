@@ -6,7 +6,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import inertial, repair, reply, scatter, windows
+from ground.recordings import inertial, kinematics, repair, reply, scatter, windows
 from ground.recordings.recording import Recording, once
 from ground.support.annotations import Array, Flags
 from ground.support.errors import GroundError
@@ -126,7 +126,7 @@ class RepairedRun:
             inside &= (times < a) | (times > b)
         ends = [
             (float(times[s[0]]), float(times[s[-1]]))
-            for s in reply.stretches(times, inside, self.motion.scales.max_gap)
+            for s in kinematics.stretches(times, inside, self.motion.scales.max_gap)
         ]
         return [(a, b) for a, b in ends if b - a >= SHORTEST * scatter.interval(self.motion.times)]
 
@@ -305,8 +305,8 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
         return [(t, t) for t in motion.times[jumps]]
     coefficients = found["coefficients"]
     by_input = coefficients[: len(recording.thrusters)]  # rows: thrusters
-    others = reply.smooth_terms(motion.nu)
-    wanted = reply.accelerations(motion) - others @ coefficients[len(by_input) :]
+    others = kinematics.smooth_terms(motion.nu)
+    wanted = kinematics.accelerations(motion) - others @ coefficients[len(by_input) :]
     reachable = _levels(recording) @ by_input
     thrust = np.linalg.norm(reachable[:, :2], axis=1).max()
     turn = np.abs(reachable[:, 2]).max()
@@ -324,7 +324,7 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
         beyond = np.minimum(beyond, np.maximum(force / CONTACT[0], moment / CONTACT[1]))
     # A contact lasts for several frames; a single one is noise.
     beyond = np.min([np.roll(beyond, s) for s in (-1, 0, 1)], axis=0)
-    floats[floats] = reply.middle(motion, motion.times[floats])
+    floats[floats] = kinematics.middle(motion, motion.times[floats])
     near = np.zeros(len(floats), bool)  # where accelerations are those of a step, or of frozen poses
     margin = MARGIN * scatter.interval(motion.times)
     odd = [(t - margin, t) for t in motion.times[_steps(motion)]] + _frozen(recording)
@@ -333,7 +333,7 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     hit = ((beyond > 1) & floats & ~near) | jumps
     return [
         (motion.times[s[0]], motion.times[s[-1]])
-        for s in reply.stretches(motion.times, hit, motion.scales.max_gap)
+        for s in kinematics.stretches(motion.times, hit, motion.scales.max_gap)
     ]
 
 

@@ -21,7 +21,7 @@ from typing import (
 import numpy as np
 
 from ground import _core
-from ground.recordings import headings, repair, units
+from ground.recordings import headings, repair, smoothed, units
 from ground.recordings.battery import Voltage
 from ground.recordings.commands import CHANNELS
 from ground.recordings.inertial import Samples
@@ -176,13 +176,11 @@ class Recording(Plotted):
     def motion(self) -> repair.Motion:
         """The repaired poses, and velocities; as before a low-pass of the mocap. GroundError when too little
         of them is left."""
-        from ground.recordings import smoothed  # which needs recordings
-
         if "motion" in self.known:
             return cast(repair.Motion, self.known["motion"])
         given = self.name, self.pose_times, self.eta, self.clock_offset, self.noise, self.frame_rate
         motion = repair.repair(*given)
-        found = smoothed.recognised(self, motion)
+        found = smoothed.recognised(self.thrust, self.averaged, motion)
         return motion if found is None else repair.repair(*given, found)
 
     @property

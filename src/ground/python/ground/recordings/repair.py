@@ -1,17 +1,15 @@
 """Repair of a recording's poses; repairs are counted."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
 from ground import _core
 from ground.recordings import frame_clock, headings, scatter
+from ground.recordings.low_pass import LowPass
 from ground.support.annotations import Array, Document, Flags, Indices
 from ground.support.errors import GroundError
-
-if TYPE_CHECKING:
-    from ground.recordings.smoothed import LowPass
 
 CLOCK_OFFSET = 0.05  # least offset between the topics' clocks that is corrected [s]
 FROZEN = 3  # least number of equal poses in a row that are a repeated sample, if the craft moves
@@ -48,7 +46,7 @@ class Motion:
     repairs: Dict[str, float] = field(default_factory=dict)  # kind of repair -> how often
     heading_steps: headings.Steps = field(default_factory=list)  # steps of the heading that were undone
     breaks: List[float] = field(default_factory=list)  # where another run begins [s]
-    low_pass: "Optional[LowPass]" = None  # of the mocap's software, if it was undone
+    low_pass: Optional[LowPass] = None  # of the mocap's software, if it was undone
 
 
 def on_commands_clock(times: Array, offset: float) -> Array:
@@ -63,7 +61,7 @@ def repair(
     clock_offset: float = 0.0,
     noise: Optional[scatter.Levels] = None,
     frame_rate: Optional[float] = None,
-    low_pass: "Optional[LowPass]" = None,
+    low_pass: Optional[LowPass] = None,
 ) -> Motion:
     """The repaired motion of poses (n, 3) with stamps (n,) [s], in the order of arrival; clock_offset: see
     Recording; noise: of positions [m] and headings [rad], else that of the scatter of the poses; frame_rate:

@@ -5,23 +5,21 @@ products of the velocities.
 """
 
 from dataclasses import dataclass
-from typing import List, NamedTuple, Optional, Sequence, Tuple, TypedDict
+from typing import NamedTuple, Optional, Sequence, Tuple, TypedDict
 
 import numpy as np
 
 from ground.recordings import scatter
+from ground.recordings.kinematics import KERNEL, accelerations, blur, clipped, middle, smooth_terms
 from ground.recordings.recording import Recording, once
 from ground.recordings.repair import Motion
-from ground.support.annotations import Array, Document, Flags, Indices
+from ground.support.annotations import Array, Document, Flags
 
 # Tried lags of the motion behind the commands [s]; later ones if the last fits best.
 LAGS = np.arange(-0.3, 0.41, 0.01)
 LAG_SAMPLES = 20000  # samples, spread over the recording, that determine the lag
 USUAL_LAG = 0.1  # if the motion does not determine it [s]
 HARDEST = 0.95  # quantile of accelerations that are the craft's hardest
-OUTLIER = 6.0  # accelerations further from their median than so many scatters are cut
-END = 5.0  # at the ends of stretches accelerations are inaccurate over this multiple of their blur
-KERNEL = 3.0  # width of a mean that blurs as a smoother does, relative to its blur
 PLACEBOS = 9  # tried lags at which no motion follows
 # Share of the accelerations that commands explain which the motion follows: at least, or by so many times
 # the share that commands of other times explain and at least the last one.
@@ -55,53 +53,11 @@ class Reply(TypedDict):
     coefficients: Array  # (n + 11, 3) of the thrusters, and smooth_terms
 
 
-def stretches(times: Array, inside: Flags, max_gap: float) -> List[Indices]:
-    """Indices of the samples inside, split at gaps of more than max_gap [s]."""
-    index = np.flatnonzero(inside)
-    if not len(index):
-        return []
-    return np.split(index, np.flatnonzero(np.diff(times[index]) > max_gap) + 1)
-
-
-def blur(motion: Motion) -> Tuple[float, float]:
-    """Times over which the smoother averages velocities of the craft over the ground, and of its heading
-    [s]."""
-    jerks = motion.scales.linear_jerk, motion.scales.angular_jerk
-    usual = scatter.interval(motion.times)
-    linear, angular = ((n * np.sqrt(usual) / jerk) ** (1 / 3) for n, jerk in zip(motion.noise, jerks))
-    return linear, angular
-
-
-def accelerations(motion: Motion) -> Array:
-    """Specific force in the body's frame (n, 2) [m/s^2] and yaw acceleration [rad/s^2], (n, 3)."""
-    u, v, r = motion.nu.T
-    return np.asarray(motion.nu_dot + np.column_stack([-r * v, r * u, 0 * r]))
-
-
 def turn_time(motion: Motion) -> float:
     """Time in which the craft turns round by its hardest yaw accelerations [s]: 0.7 s for a palm-sized
     hovercraft, 10 s for a model ship."""
     hardest = np.quantile(np.abs(motion.nu_dot[:, 2]), HARDEST)
     return float(np.sqrt(4 * np.pi / max(hardest, 1e-9)))
-
-
-def smooth_terms(nu: Array) -> Array:
-    """Regressors of the accelerations besides the commands, (n, 11)."""
-    u, v, r = nu.T
-    return np.column_stack(
-        [np.ones(len(nu)), u, v, r, u * u, v * v, r * r, u * v, u * r, v * r, r * np.abs(r)]
-    )
-
-
-def middle(motion: Motion, times: Optional[Array] = None) -> Flags:
-    """Samples away from the ends of stretches, where smoothed accelerations are inaccurate; of some of the
-    motion's times, or all."""
-    times = motion.times if times is None else times
-    inside, margin = np.zeros(len(times), bool), END * max(blur(motion))
-    for stretch in stretches(times, np.ones(len(times), bool), motion.scales.max_gap):
-        start, end = times[stretch[0]], times[stretch[-1]]
-        inside[stretch] = (times[stretch] > start + margin) & (times[stretch] < end - margin)
-    return inside
 
 
 def commands_at(recording: Recording, commands: Array, times: Array) -> Array:
@@ -268,13 +224,6 @@ def lag_of(recording: Recording) -> float:
     """The lag of the motion behind the commands [s], or the usual one."""
     found = find(recording)
     return USUAL_LAG if found is None else found["lag"]
-
-
-def clipped(values: Array) -> Array:
-    """Columns (n, k) without outliers."""
-    centre = np.median(values, axis=0)
-    scatter = 1.4826 * np.median(np.abs(values - centre), axis=0)
-    return np.asarray(np.clip(values, centre - OUTLIER * scatter, centre + OUTLIER * scatter))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,16 @@ from typing import Callable, Iterator, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import angle_signs, imitations, layouts, other_clocks, reply, scatter, units
+from ground.recordings import (
+    angle_signs,
+    imitations,
+    kinematics,
+    layouts,
+    other_clocks,
+    reply,
+    scatter,
+    units,
+)
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording, once
 from ground.support.annotations import Document
@@ -169,7 +178,7 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
     follows = repaired(recording).reply
     motion = repaired(recording).motion
     # beside that of fast poses, which the limits have
-    slack = max(0.0, max(reply.blur(motion)) + scatter.interval(motion.times) - BLURRED)
+    slack = max(0.0, max(kinematics.blur(motion)) + scatter.interval(motion.times) - BLURRED)
     early, usual, longest = (share * reply.turn_time(motion) for share in (EARLIEST, DELAYED, LATEST))
     for clock in other_clocks.find(recording):
         lag = follows["lag"] if follows and not follows["slow"] else clock.lag
