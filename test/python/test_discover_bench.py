@@ -108,7 +108,7 @@ def test_cases_follow_from_their_seeds():
 @slow
 def test_crafts_find_their_effects(monkeypatch, tmp_path, capsys):
     """Short discoveries; `make bench-discover` runs whole ones. A flight of 15 s may name an effect too many
-    (1 of 16 seeds), and an effect of seven tenths of what matters is too small: most of three must be right."""
+    (1 of 16 seeds), and one of seven tenths of what matters is too small: most of three must be right."""
     monkeypatch.setitem(cases.KINDS, "one", (cases.one, 3, 48.0))
     options = ["--kinds", "one", "--choosers", "informed", "--jobs", "1"]
     path = tmp_path / "results.jsonl"
