@@ -40,7 +40,14 @@ def test_an_effect_of_the_likelihood_is_judged(vetoed):
 
 
 def test_an_effect_of_the_simulation_error_is_judged(vetoed):
-    assert not grown(runs_of(30, hull_lift=LIFT)).grow_by_simulation("")
+    found = grown(runs_of(30, hull_lift=LIFT))
+    assert not found.grow_by_simulation("")
+    names = sorted(found.names)
+    for why in ("first", "then"):  # what is withdrawn is told once, by the last reason
+        found.withdraw(why)
+    assert not found.names and not found.steps
+    told = [dropped.trial.name for dropped in found.dropped]
+    assert set(names) <= set(told) and len(told) == len(set(told))
 
 
 def test_a_formula_is_judged(vetoed):

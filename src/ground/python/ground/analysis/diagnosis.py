@@ -308,10 +308,15 @@ class Diagnosis:
         if why == SLIGHT:
             change = self._change(found, found - {name})
             self.fuller[self.search.fits[found - {name}]] = self.search.fits[found]
-        # An effect may be refused several times, in different sets: the last reason counts.
+        self._leave_out(found, name, why, change)
+        self.work.note("%s is left out: %s" % (name, why))
+
+    def _leave_out(
+        self, found: FrozenSet[str], name: str, why: str, change: Optional[horizon.Change] = None
+    ) -> None:
+        """Keeps why an effect is not added. It may be refused several times: the last reason counts."""
         self.dropped = [d for d in self.dropped if d.trial.name != name]
         self.dropped.append(Dropped(self.trial_in(found, name), why, change))
-        self.work.note("%s is left out: %s" % (name, why))
 
     def _without_stand_ins(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """The set without effects that only imitate what has no name: those that do nothing beside a
@@ -402,7 +407,7 @@ class Diagnosis:
             return False
         self.dropped = [dropped for dropped in self.dropped if dropped.trial.name not in added]
         for name in sorted(self.names.difference(added)):
-            self.dropped.append(Dropped(self.trial_in(self.names, name), why))
+            self._leave_out(self.names, name, why)
         self.tried = evidence.ranked(self.tried, added[:1])
         self.steps, self.by_simulation = [], found[-1].fit
         self.chosen = [self.search.candidates[name] for name in added]
@@ -422,7 +427,7 @@ class Diagnosis:
         """Takes all effects out of the grown model."""
         for name in sorted(self.names):
             self.search.without(self.names, name)
-            self.dropped.append(Dropped(self.trial_in(self.names, name), why))
+            self._leave_out(self.names, name, why)
         self.chosen, self.steps, self.by_simulation = [], [], None
 
     def _beside(self, fitted: window_error.WindowFit) -> Fit:
