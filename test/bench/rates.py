@@ -229,7 +229,7 @@ def likely(random):
     parameters = between_runs.widened(like, found, like.intervals(found))
     yield "likelihood", [p["ci95"][0] < given[p["name"]] < p["ci95"][1] for p in parameters]
     yield "differ", [any("runs" in p for p in parameters)]
-    yield "agreement", [not agreement.agreement(runs[:3], windows.cut(runs[:3]), like, found).holds]
+    yield "agreement", [not agreement.agreement(runs[:3], windows.cut(runs[:3]), like, found, 1.0).holds]
     held = []
     for prediction in bands.of_others(runs[3:], found, int(random.integers(1000)))[0].predictions:
         inside = (prediction.measured >= prediction.low) & (prediction.measured <= prediction.high)

@@ -166,7 +166,7 @@ def test_nothing_is_said_of_a_craft_that_is_only_pushed(pushed):
     runs, (likelihood, fit, cut, left) = pushed
     assert not left.said and left.learnable.value < 0.02
     assert 0 <= left.bound <= 1
-    assert agreement(runs, cut, likelihood, fit).holds
+    assert agreement(runs, cut, likelihood, fit, 1.0).holds
 
 
 def test_one_run_is_enough_also_where_poses_are_missing_for_a_time():
@@ -417,8 +417,8 @@ def test_recordings_made_by_the_model_agree_with_it_and_a_burst_does_not(pushed)
     for i, run in enumerate(runs):
         wrench = window_error.pushes(run, fit.levels, random)[0] + np.array(fit.trims[i]["wrench"])
         made.append(window_error.recorded(run, fit.model, random, wrench, fit.trims[i]["thrust"]))
-    assert agreement(made, cut, Likelihood(made, craft()), fit).holds
+    assert agreement(made, cut, Likelihood(made, craft()), fit, 1.0).holds
     odd = [flown(seed, push=0.005, burst=(2.0 + seed, 2.3 + seed, 0.4))[0] for seed in (1, 2, 3)]
     likelihood = Likelihood(odd, craft())
-    found = agreement(odd, windows.cut(odd), likelihood, likelihood.fit(craft(), FREE))
+    found = agreement(odd, windows.cut(odd), likelihood, likelihood.fit(craft(), FREE), 1.0)
     assert not found.holds and found.noise < found.error

@@ -149,7 +149,7 @@ def _conclude(
     found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool, refits: Sequence[Refit]
 ) -> Conclusion:
     left = found.ceiling_of()
-    agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.each)
+    agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.prediction_time, found.each)
     if not agrees.holds and not left.said:
         left = left.unbounded()
     floor, varies = found.noise_floor(found.names), _varies(found)

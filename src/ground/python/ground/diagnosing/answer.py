@@ -14,6 +14,7 @@ from ground.support.annotations import Document
 from ground.support.headline import Line
 
 VERY_CERTAIN, CERTAIN = 1e-6, 1e-3  # largest probabilities of as much evidence without the effect
+MOSTLY = 0.5  # share in common from which on what is left is no random push
 MISSING = "Missing"
 
 
@@ -105,9 +106,17 @@ def _effect(report: Document, step: Document) -> str:
 
 
 def _left(report: Document) -> str:
-    """What the improved model leaves, where that may be chance."""
-    told = "what the model leaves, %s, is a random push or an effect of something that was not recorded."
-    return told % off(report["prediction"]["errors"]["improved"])
+    """What the improved model leaves, where that may be chance, or is chance by runs with the same commands."""
+    told = "what the model leaves, %s, is a random push" % off(report["prediction"]["errors"]["improved"])
+    if _is_chance(report):
+        return told + ": " + words.common(report) + "."
+    return told + " or an effect of something that was not recorded."
+
+
+def _is_chance(report: Document) -> bool:
+    """Whether runs with the same commands show that most of what is left is a random push."""
+    found = report["agreement"].get("common")  # not in reports of release 1.0.0
+    return bool(report["agreement"]["holds"] and found and found["high"] < MOSTLY)
 
 
 def _rest_matters(report: Document) -> bool:
@@ -150,7 +159,8 @@ def _rest(report: Document) -> str:
             "that was recorded predicts."
         )
     if kind == "varies":
-        return "no effect, but %s." % listed([words.varying(found) for found in report["varies"]])
+        told = "no effect, but %s." % listed([words.varying(found) for found in report["varies"]])
+        return told + (" " + capital(_left(report)) if _rest_matters(report) else "")
     if kind == "missing":
         return "" if explained else _more(report)
     if kind == "undecided":
@@ -173,7 +183,7 @@ def _more(report: Document) -> str:
         told = "More may be missing that depends on %s; these runs cannot decide it."
         return told % words.arguments(report)
     if not report["agreement"]["holds"]:
-        return "More may be missing: what is left acts at some times or places only."
+        return "More may be missing: %s." % words.pattern(report)
     return ""
 
 
@@ -191,10 +201,7 @@ def undecided(report: Document) -> str:
     if found["terms"]:
         return "what they show about %s does not predict the other runs." % words.arguments(report)
     if not report["agreement"]["holds"]:
-        return (
-            "what is left acts at some times or places only, as a draught, a cable or a bad patch of "
-            "floor do."
-        )
+        return words.pattern(report) + "."
     return (
         "a random disturbance explains what is left as well as an effect would (of up to %.0f%% of it)."
         % (100 * found["bound"])
@@ -228,6 +235,8 @@ def _next(report: Document, folder: str) -> str:
         return "the formula is an effect of its own; this adds it and fits its size:\n" + adds
     if kind in ("unexplained", "memory"):
         return "record more runs over the same places with other commands, so that a formula can be found"
+    if kind == "undecided" and report["agreement"].get("frequency"):
+        return "switch off what swings or turns near the craft, one at a time, and record again"
     if kind == "undecided":
         return "record more and longer runs, over the same places, with other commands"
     if kind == "varies":
@@ -236,7 +245,7 @@ def _next(report: Document, folder: str) -> str:
         return "record more runs and diagnose all of them together, to confirm or refute it"
     if kind == "missing" and _rest(report):
         return "record more and longer runs to see whether more is missing; the model is usable now"
-    if kind in ("complete", "missing") and _rest_matters(report):
+    if kind in ("complete", "missing") and _rest_matters(report) and not _is_chance(report):
         return (
             "fly the same commands twice from the same start, and diagnose both runs with these: a random "
             "push leaves different errors in the two, what is missing leaves the same"

@@ -160,6 +160,8 @@ def _left(conclusion: Conclusion) -> Document:
         "agreement": {
             "error": {"measured": agrees.error, "expected": agrees.expected, "noise": agrees.noise},
             "holds": agrees.holds,
+            "frequency": agrees.frequency,
+            "common": agrees.common and dataclasses.asdict(agrees.common),
         },
     }
 

@@ -236,6 +236,26 @@ def extent(report: Document) -> Iterator[str]:
         )
 
 
+def common(report: Document) -> str:
+    """What runs with the same commands have in common of what is left."""
+    found = report["agreement"]["common"]
+    part = _part({"share": found["share"], "ci95": [found["low"], found["high"]]})
+    return "runs with the same commands have %s of the missing force in common" % part
+
+
+def pattern(report: Document) -> str:
+    """How what is left differs from a steady random push."""
+    found = report["agreement"]
+    if found.get("frequency"):  # not in reports of release 1.0.0
+        return (
+            "what is left is strongest at %.2g Hz: something swings or turns at this rate, such as a fan or an "
+            "unbalanced motor, and not in step with the commands" % found["frequency"]
+        )
+    if found.get("common") and found["common"]["low"] > 0:
+        return common(report) + ", which no effect of the library and nothing recorded describes"
+    return "what is left acts at some times or places only, as a draught, a cable or a bad patch of floor do"
+
+
 def sensors(report: Document) -> Iterator[str]:
     """Whether the craft's own sensors count."""
     sensed, fitted = report["runs"].get("inertial", []), report["runs"]["fit"]

@@ -1,0 +1,129 @@
+"""Patterns in what a model leaves, which a random disturbance does not have.
+
+The innovations of a filter are white if the model and its disturbance are true (Kailath 1968): no frequency
+stands out in them. What runs with the same commands have in common is not random.
+"""
+
+import itertools
+from dataclasses import dataclass
+from typing import Iterator, List, Sequence, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.recordings import scatter
+from ground.support.annotations import Array
+
+ALIKE = 0.9  # least correlation of commands that count as the same: edges are some milliseconds apart
+MIN_PERIODS = 1  # of the lowest frequency, in a run of usual length
+FINEST = 10.0  # periods of the highest frequency in a horizon: faster pushes hardly move a craft in it
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two runs in which the same commands were given."""
+
+    runs: Tuple[int, int]
+    shift: float  # time of the second one less that of the first one, of the same command [s]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the filter sees in the poses of some runs."""
+
+    wrenches: List[Array]  # of the disturbance, relative to its rms in the run, X, Y, N, (n, 3)
+    lines: Array  # power of the innovations by frequency, relative to its median, body and room, (k, 2)
+    common: float  # correlation of the wrench in pairs of runs; 0 without any
+
+    @property
+    def tails(self) -> List[float]:
+        """Logarithm of the kurtosis of the wrench: a push at some times or places only has heavy tails."""
+        return list(np.log((np.concatenate(self.wrenches) ** 4).mean(axis=0)))
+
+    @property
+    def strongest(self) -> List[float]:
+        """Logarithm of the power of the strongest line in the body frame, and in the room."""
+        return list(np.log(self.lines.max(axis=0)))
+
+
+def seen(likelihood: Likelihood, fit: Fit, rates: Array, pairs: Sequence[Pair]) -> Seen:
+    """What the filter of a Fit sees in the runs of a Likelihood, without inertial samples. rates: frequencies
+    [Hz] (k,)."""
+    wrenches, power = [], np.zeros((len(rates), 5))
+    for i, run in enumerate(likelihood.runs):
+        left = likelihood.residuals(fit.point, i)
+        wrench = np.array(left["wrench"])
+        wrenches.append(wrench / np.maximum(np.sqrt((wrench**2).mean(axis=0)), 1e-30))
+        scored = np.array(left["scored"], bool)
+        times = np.array(run.times)[scored]
+        # The innovations of positions, x and y, are independent and of variance one; so they are when turned.
+        x, y, turn = np.array(left["whitened"])[scored, :3].T
+        c, s = np.cos(np.array(run.eta)[scored, 2]), np.sin(np.array(run.eta)[scored, 2])
+        rows = np.column_stack([c * x + s * y, c * y - s * x, turn, x, y])
+        rows = (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-30)
+        power += np.abs(np.exp(-2j * np.pi * np.outer(rates, times)) @ rows) ** 2 / max(1, len(times))
+    lines = np.column_stack([power[:, :3].sum(axis=1), power[:, 3:].sum(axis=1)])
+    common = [_correlation(likelihood.runs, wrenches, pair) for pair in pairs]
+    return Seen(wrenches, lines / np.median(lines, axis=0), float(np.mean(common)) if common else 0.0)
+
+
+def frequencies(runs: Sequence[_core.RunData], seconds: float) -> Array:
+    """Frequencies [Hz] at which a line may stand out in runs, (k,). seconds: horizon of predictions."""
+    duration = float(np.median([run.times[-1] - run.times[0] for run in runs]))
+    highest = min(
+        FINEST / seconds, 0.4 / float(np.max([scatter.interval(np.array(run.times)) for run in runs]))
+    )
+    return np.arange(MIN_PERIODS / duration, max(highest, 2 * MIN_PERIODS / duration), 0.5 / duration)
+
+
+def pairs(runs: Sequence[_core.RunData]) -> List[Pair]:
+    """The Pairs of runs that were given the same commands, from their first thrust on."""
+    return list(_pairs(runs))
+
+
+def _pairs(runs: Sequence[_core.RunData]) -> Iterator[Pair]:
+    begins = [_first(run) for run in runs]
+    for i, j in itertools.combinations(range(len(runs)), 2):
+        pair = Pair((i, j), begins[j] - begins[i])
+        times = _together(runs, pair)
+        if len(times) < 0.5 * min(len(runs[i].times), len(runs[j].times)):
+            continue
+        a, b = _held(runs[i], times).ravel(), _held(runs[j], times + pair.shift).ravel()
+        if a @ b > ALIKE * max(a @ a, b @ b, 1e-300):
+            yield pair
+
+
+def _first(run: _core.RunData) -> float:
+    """Time of the first thrust [s]."""
+    inputs = np.array(run.inputs)
+    thrust = np.abs(inputs[:, 1:-1]).sum(axis=1) > 0
+    return float(inputs[np.argmax(thrust), 0])
+
+
+def _held(run: _core.RunData, times: Array) -> Array:
+    """Commands to the thrusters at some times (n, k), less their mean."""
+    inputs = np.array(run.inputs)
+    at = np.clip(np.searchsorted(inputs[:, 0], times, side="right") - 1, 0, len(inputs) - 1)
+    held = inputs[at, 1:-1]
+    return np.asarray(held - held.mean(axis=0))
+
+
+def _together(runs: Sequence[_core.RunData], pair: Pair) -> Array:
+    """Times of the first run of a pair, of which the second one has the same commands."""
+    i, j = pair.runs
+    times = np.array(runs[i].times)
+    inside = (times + pair.shift >= runs[j].times[0]) & (times + pair.shift <= runs[j].times[-1])
+    return np.asarray(times[inside & (times >= _first(runs[i]))])
+
+
+def _correlation(runs: Sequence[_core.RunData], wrenches: Sequence[Array], pair: Pair) -> float:
+    """Correlation of the wrenches X, Y, N of two runs, mean over the three."""
+    i, j = pair.runs
+    times = _together(runs, pair)
+    a, b = (
+        np.column_stack([np.interp(at, np.array(runs[k].times), w) for w in wrenches[k].T])
+        for k, at in ((i, times), (j, times + pair.shift))
+    )
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    return float(np.mean((a * b).mean(axis=0) / np.maximum(a.std(axis=0) * b.std(axis=0), 1e-300)))
