@@ -71,10 +71,10 @@ def seen(likelihood: Likelihood, fit: Fit, rates: Array, pairs: Sequence[Pair]) 
 def frequencies(runs: Sequence[_core.RunData], seconds: float) -> Array:
     """Frequencies [Hz] at which a line may stand out in runs, (k,). seconds: horizon of predictions."""
     duration = float(np.median([run.times[-1] - run.times[0] for run in runs]))
-    highest = min(
-        FINEST / seconds, 0.4 / float(np.max([scatter.interval(np.array(run.times)) for run in runs]))
-    )
-    return np.arange(MIN_PERIODS / duration, max(highest, 2 * MIN_PERIODS / duration), 0.5 / duration)
+    step = float(np.max([scatter.interval(np.array(run.times)) for run in runs]))
+    lowest = MIN_PERIODS / duration
+    highest = max(min(FINEST / seconds, 0.4 / step), 2 * lowest)
+    return np.arange(lowest, highest, 0.5 / duration)
 
 
 def pairs(runs: Sequence[_core.RunData]) -> List[Pair]:
@@ -90,7 +90,7 @@ def _pairs(runs: Sequence[_core.RunData]) -> Iterator[Pair]:
         if len(times) < 0.5 * min(len(runs[i].times), len(runs[j].times)):
             continue
         a, b = _held(runs[i], times).ravel(), _held(runs[j], times + pair.shift).ravel()
-        if a @ b > ALIKE * max(a @ a, b @ b, 1e-300):
+        if float(a @ b) > ALIKE * max(float(a @ a), float(b @ b), 1e-300):
             yield pair
 
 
