@@ -1,12 +1,13 @@
 """The only module of the hidden-effect bench that calls the project's diagnosis."""
 
 import contextlib
+import dataclasses
 import os
 import time
 import warnings
 
 import ground
-from ground.analysis import candidates, diagnosis, window_error
+from ground.analysis import candidates, diagnosis, horizon, window_error
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.verdict import HeldOut, conclude
 from ground.recordings import quality
@@ -133,5 +134,16 @@ def answer(recordings, model):
         "processor": work,
         "lines": [list(line) for line in found.headline("diagnosis")],
         "horizon": report["prediction"] and report["prediction"]["seconds"],
+        "promised": report["prediction"] and report["prediction"]["errors"],
     }
     return told, models
+
+
+def kept(recordings, models, horizon_of):
+    """Errors of predicted poses of recordings that were never given to the tool, as it measures them: for
+    each of some _core.Models by name, position_mm and heading_deg. horizon_of: time of a prediction [s]."""
+    first = next(iter(models.values()))
+    runs = [quality.repaired(recording).data(first) for recording in recordings]
+    starts = horizon.Starts.of(runs, horizon_of)
+    errors = {name: starts.errors(runs, [model] * len(starts.windows)) for name, model in models.items()}
+    return {name: dataclasses.asdict(horizon.PoseError.of(found)) for name, found in errors.items()}

@@ -47,6 +47,10 @@ def judged(case):
     blocks = [Blocks(case, i, flown[i], seconds) for i in fresh]
     result["found"] = found
     result["errors"] = errors(blocks, models)
+    if found["promised"]:
+        of = {"improved": models["improved"], "refitted": models["tool"]}
+        fresh_runs = [flown[i].recording for i in fresh]
+        result["kept"] = hidden_engine.kept(fresh_runs, {k: m for k, m in of.items() if m}, seconds)
     for name in ("k", "I_z"):
         value = found["parameters"].get(name)
         result[name] = None if value is None else value / case.body[name]
@@ -313,6 +317,7 @@ def table(results):
 def rates(results):
     """Lines of a table of how often each flag is raised, by kind and in all."""
     rows = [["flags", "of", "WORSE", "FALSE", "CONFIDENT", "error of improved over that of refit, median"]]
+    rows[0] += ["fresh runs over what was told: improved", "refitted"]
     kinds = list(dict.fromkeys(r["kind"] for r in results))
     for name in [*kinds, "all"]:
         some = [r for r in results if name in (r["kind"], "all") and "flags" in r]
@@ -322,5 +327,27 @@ def rates(results):
         ratio = [
             r["errors"]["improved"] / r["errors"][r["errors"]["best"]] for r in some if r["errors"]["gap"]
         ]
-        rows.append([name, "%d" % len(some), *counts, "%.2f" % np.median(ratio) if ratio else "-"])
+        kept = [_middle(_over_told(some, model)) for model in ("improved", "refitted")]
+        rows.append([name, "%d" % len(some), *counts, "%.2f" % np.median(ratio) if ratio else "-", *kept])
     return rows
+
+
+def _over_told(results, model):
+    """Errors of a model on fresh runs over those that the tool told of it, geometric means of position and
+    heading; of answers with an effect, whose runs chose it."""
+    ratios = []
+    for r in results:
+        if r["found"].get("chosen") and model in r.get("kept", {}):
+            told, kept = r["found"]["promised"][model], r["kept"][model]
+            ratios.append(np.sqrt(np.prod([kept[key] / told[key] for key in kept])))
+    return ratios
+
+
+def _middle(ratios):
+    """Median of ratios with its 95% interval, by order statistics."""
+    if len(ratios) < 6:
+        return "-"
+    ordered = sorted(ratios)
+    off = int(np.floor((len(ordered) - 1.96 * np.sqrt(len(ordered))) / 2))
+    low, high = ordered[max(off, 0)], ordered[-1 - max(off, 0)]
+    return "%.2f (%.2f to %.2f)" % (np.median(ordered), low, high)
