@@ -22,13 +22,15 @@ if TYPE_CHECKING:
     from ground.recordings.recording import Recording
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Parameter:
     """An estimated parameter.
 
     >>> k = ground.fit(model_file, bag, free=["k"]).parameters["k"]
     >>> k.unit, k.identified, k.ci95[0] < k.value < k.ci95[1]
     ('N', True, True)
+    >>> "k 0.06" in repr(k)  # <k 0.0618 N (95%: 0.0616 to 0.0621 N)>
+    True
     """
 
     name: str  #: "k", or "EFFECT.PARAMETER"
@@ -55,6 +57,9 @@ class Parameter:
         if not self.identified:
             return "cannot be identified from these data"
         return with_interval(self.value, *self.ci95, self.unit, self.runs)
+
+    def __repr__(self) -> str:
+        return "<%s %s>" % (self.name, self.words)
 
 
 def parameters_by_name(found: Iterable[Document]) -> Dict[str, Parameter]:

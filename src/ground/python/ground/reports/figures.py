@@ -119,7 +119,7 @@ def motion_title(studies: Sequence[Document]) -> str:
     name = max(by_channel, key=by_channel.__getitem__)
     share = 100 * by_channel[name] / max(1e-300, sum(by_channel.values()))
     channel = {c: label for c, label, _ in CHANNELS}[name]
-    fails = "%.0f%% of the error of %s is in the %s" % (share, first["label"], channel)
+    fails = "%.0f%% of the error (%s) is in the %s" % (share, first["label"], channel)
     if first is last:
         return fails
     ratio = first["numbers"]["error"] / max(last["numbers"]["error"], 1e-300)
@@ -236,8 +236,8 @@ def residuals_title(studies: Sequence[Document]) -> str:
     if len(white) == len(studies):
         return "The residuals are random: they follow neither the commands nor their own past"
     others = [s["label"] for s in studies if s["label"] not in white]
-    told = "The residuals of %s are not random: something drives them" % listed(others)
-    return told + ("; those of %s are" % listed(white) if white else "")
+    told = "Residuals that follow the commands or their own past: %s" % listed(others)
+    return told + ("; random: %s" % listed(white) if white else "")
 
 
 def _add_correlation(
