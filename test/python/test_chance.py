@@ -1,5 +1,5 @@
-"""What a model leaves is called a random push only where nothing speaks against it: not where it has a frequency
-of its own, and for certain only where the same commands were given twice."""
+"""What a model leaves is called a random push only where nothing speaks against it: not where it has a
+frequency of its own, and for certain only where the same commands were given twice."""
 
 import numpy as np
 import pytest

@@ -125,6 +125,8 @@ OPEN = {
     "named_as": "a yaw moment of 2 mN m that depends on the heading",
     "arguments": {"heading": 0.4},
 }
+COMMON = {"pairs": 1, "share": 0.05, "low": -0.1, "high": 0.2}  # of runs with the same commands
+SAME = {"pairs": 1, "share": 0.7, "low": 0.6, "high": 0.8}
 VERDICTS = {
     "nothing": ("complete", dict(improved=NOTHING, steps=[]), ["nothing - "], "nothing needed"),
     "differences": (
@@ -157,9 +159,27 @@ VERDICTS = {
     ),
     "pushed": (
         "complete",
-        dict(improved=NOTHING, steps=[], matters={"position_mm": 1e-6}),
+        dict(improved=NOTHING, steps=[], matters={"position_mm": 1e-6}, agreement={"common": None}),
         ["nothing that these runs show", "a random push or"],
         "the same commands twice",
+    ),
+    "pushed by chance": (
+        "complete",
+        dict(improved=NOTHING, steps=[], matters={"position_mm": 1e-6}, agreement={"common": COMMON}),
+        ["nothing that these runs show", "a random push: runs with the same commands"],
+        "nothing needed",
+    ),
+    "swinging": (
+        "undecided",
+        dict(improved=NOTHING, steps=[], agreement={"holds": False, "frequency": 0.7}),
+        ["cannot be decided, because", "0.7 Hz"],
+        "switch off what swings",
+    ),
+    "the same again": (
+        "undecided",
+        dict(improved=NOTHING, steps=[], agreement={"holds": False, "common": SAME}),
+        ["cannot be decided, because", "have 70% (60% to 80%)", "in common"],
+        "record more and longer runs",
     ),
     "misread": ("misread", dict(improved=NOTHING, steps=[]), ["not searched"], "correct the mapping"),
 }

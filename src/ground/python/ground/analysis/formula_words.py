@@ -107,9 +107,10 @@ def with_interval(
     places = 3 if not 0 < half < math.inf else int(np.clip(-math.floor(math.log10(half)), 0, 9))
     if runs and factor * value:  # the interval may be wide: at least two digits of the value
         places = max(places, int(np.clip(1 - math.floor(math.log10(abs(factor * value))), 0, 9)))
-    told = ["%.*f" % (places, round(factor * number, places) + 0.0) for number in (value, low, high)]
+    numbers = [value, low, high, *(runs or ())]
+    told = ["%.*f" % (places, round(factor * number, places) + 0.0) for number in numbers]
     unit = " " + unit if unit not in ("", "-") else ""
-    differ = "; runs differ: %.2g to %.2g%s" % (factor * runs[0], factor * runs[1], unit) if runs else ""
+    differ = "; runs differ: %s to %s%s" % (told[3], told[4], unit) if runs else ""
     return "%s%s (95%%: %s to %s%s%s)" % (told[0], unit, told[1], told[2], unit, differ)
 
 

@@ -83,22 +83,21 @@ def pairs(runs: Sequence[_core.RunData]) -> List[Pair]:
 
 
 def _pairs(runs: Sequence[_core.RunData]) -> Iterator[Pair]:
-    begins = [_first(run) for run in runs]
+    driven = [_driven(run) for run in runs]
     for i, j in itertools.combinations(range(len(runs)), 2):
-        pair = Pair((i, j), begins[j] - begins[i])
+        pair = Pair((i, j), driven[j][0] - driven[i][0])
         times = _together(runs, pair)
-        if len(times) < 0.5 * min(len(runs[i].times), len(runs[j].times)):
-            continue
         a, b = _held(runs[i], times).ravel(), _held(runs[j], times + pair.shift).ravel()
         if float(a @ b) > ALIKE * max(float(a @ a), float(b @ b), 1e-300):
             yield pair
 
 
-def _first(run: _core.RunData) -> float:
-    """Time of the first thrust [s]."""
+def _driven(run: _core.RunData) -> Tuple[float, float]:
+    """Times of the first thrust, and of its end [s]."""
     inputs = np.array(run.inputs)
     thrust = np.abs(inputs[:, 1:-1]).sum(axis=1) > 0
-    return float(inputs[np.argmax(thrust), 0])
+    last = len(inputs) - 1 - int(np.argmax(thrust[::-1]))
+    return float(inputs[np.argmax(thrust), 0]), float(inputs[min(last + 1, len(inputs) - 1), 0])
 
 
 def _held(run: _core.RunData, times: Array) -> Array:
@@ -106,15 +105,18 @@ def _held(run: _core.RunData, times: Array) -> Array:
     inputs = np.array(run.inputs)
     at = np.clip(np.searchsorted(inputs[:, 0], times, side="right") - 1, 0, len(inputs) - 1)
     held = inputs[at, 1:-1]
-    return np.asarray(held - held.mean(axis=0))
+    return np.asarray(held - held.mean(axis=0) if len(held) else held)
 
 
 def _together(runs: Sequence[_core.RunData], pair: Pair) -> Array:
-    """Times of the first run of a pair, of which the second one has the same commands."""
-    i, j = pair.runs
-    times = np.array(runs[i].times)
-    inside = (times + pair.shift >= runs[j].times[0]) & (times + pair.shift <= runs[j].times[-1])
-    return np.asarray(times[inside & (times >= _first(runs[i]))])
+    """Times of the first run of a pair in which both are driven; a wall may have ended one earlier."""
+    first, second = (runs[k] for k in pair.runs)
+    times = np.array(first.times)
+    inside = times + pair.shift >= second.times[0]
+    for run, shift in ((first, 0.0), (second, pair.shift)):
+        begin, end = _driven(run)
+        inside &= (times + shift >= begin) & (times + shift <= min(end, run.times[-1]))
+    return np.asarray(times[inside])
 
 
 def _correlation(runs: Sequence[_core.RunData], wrenches: Sequence[Array], pair: Pair) -> float:

@@ -106,7 +106,7 @@ def _effect(report: Document, step: Document) -> str:
 
 
 def _left(report: Document) -> str:
-    """What the improved model leaves, where that may be chance, or is chance by runs with the same commands."""
+    """What the improved model leaves, where that may be chance."""
     told = "what the model leaves, %s, is a random push" % off(report["prediction"]["errors"]["improved"])
     if _is_chance(report):
         return told + ": " + words.common(report) + "."
@@ -247,8 +247,9 @@ def _next(report: Document, folder: str) -> str:
         return "record more and longer runs to see whether more is missing; the model is usable now"
     if kind in ("complete", "missing") and _rest_matters(report) and not _is_chance(report):
         return (
-            "fly the same commands twice from the same start, and diagnose both runs with these: a random "
+            "fly the same commands twice from the same start%s, and diagnose both runs with these: a random "
             "push leaves different errors in the two, what is missing leaves the same"
+            % (" (roslaunch: returns:=false)" if folder else "")
         )
     if proposed:
         told = "nothing needed. These runs cannot show %s; this would:\n%s"
