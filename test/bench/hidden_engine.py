@@ -66,7 +66,7 @@ def _answer(found, conclusion):
                 "ci95": list(p["ci95"]),
                 "identified": bool(p["identified"]),
             }
-            for p in conclusion.parameters
+            for p in conclusion.after.parameters
         ],
         "varies": [v["parameter"] for v in conclusion.varies],
         "memory": conclusion.verdict == "memory",

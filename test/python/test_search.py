@@ -44,7 +44,7 @@ def test_an_effect_is_found_in_a_disturbance_with_its_size():
     (hidden,) = case.hidden
     assert names(found) == [hidden] and conclusion.verdict == "missing"
     assert conclusion.heldout[-1] < conclusion.heldout[0]
-    values = {p["name"]: p for p in conclusion.parameters}
+    values = {p["name"]: p for p in conclusion.after.parameters}
     for name, true in case.effects[hidden].items():
         p = values["%s.%s" % (hidden, name)]
         assert abs(p["value"] - true) < 4 * p["deviation"], name

@@ -3,16 +3,16 @@
 Hypotheses - a model with an effect or a formula and the model without it, one way of fitting and another -
 predict the same poses at the horizon that suits the craft, each part of the runs by a fit to the others.
 
-*Veto*: the larger one predicts poses worse, by more than DEVIATIONS standard errors, or by more than its
-standard error and by more than what matters, where that is said. *Proof*: it predicts them better by more
-than DEVIATIONS standard errors, or makes the held-out innovations likelier by as much. Neither: nothing is
-decided.
+*Veto*: the larger one predicts poses worse, by more than DEVIATIONS standard errors, or positions or
+headings by more than one and by more than what matters, where that is said. *Proof*: it predicts them better
+by more than DEVIATIONS standard errors, or makes the held-out innovations likelier by as much. Neither:
+nothing is decided.
 
 Standard errors are those of blocks of time or those of parts of the runs, the larger ones: neighbouring
 predictions are alike, and a run may be special.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Sequence, Tuple
 
 import numpy as np
@@ -71,7 +71,7 @@ def compared(larger: Tested, smaller: Tested, matters: Array) -> Comparison:
     matters, (2,)."""
     gain, gain_error = _gain(larger, smaller)
     rise, rise_error, deviations = _rise(larger, smaller)
-    is_large = rise > rise_error and bool((_rms(larger) > _rms(smaller) + matters).any())
+    is_large = any(_rises(larger, smaller, c, matters[c]) for c in range(larger.poses.shape[1]))
     if rise > 0 and (is_large or deviations > DEVIATIONS):
         verdict = WORSE
     elif (rise < 0 and -deviations > DEVIATIONS) or gain > DEVIATIONS * gain_error:
@@ -83,7 +83,16 @@ def compared(larger: Tested, smaller: Tested, matters: Array) -> Comparison:
 
 def _rms(one: Tested) -> Array:
     """Root mean square of the errors, (2,)."""
-    return np.asarray(np.sqrt(np.mean(one.poses**2, axis=0))) if len(one.poses) else np.zeros(2)
+    return (
+        np.asarray(np.sqrt(np.mean(one.poses**2, axis=0))) if len(one.poses) else np.zeros(one.poses.shape[1])
+    )
+
+
+def _rises(larger: Tested, smaller: Tested, component: int, matters: float) -> bool:
+    """Whether errors of position or heading rise by more than chance and than what matters."""
+    a, b = (replace(one, poses=one.poses[:, [component]]) for one in (larger, smaller))
+    rise, error, deviations = _rise(a, b)
+    return rise > error and deviations > 1 and bool(_rms(a) > _rms(b) + matters)
 
 
 def _gain(larger: Tested, smaller: Tested) -> Tuple[float, float]:

@@ -41,8 +41,8 @@ LIKELIHOOD, SIMULATION = "likelihood", "simulation"  # what a refit maximises or
 
 @dataclass(frozen=True)
 class Refit:
-    """The model as it is, refitted without further effects: what the gain of effects is measured against.
-    Where an effect is missing, a fit by simulation error may predict much better than one by likelihood."""
+    """A model refitted in one way: as it is, which the gain of effects is measured against, or with the
+    effects found. Where something is missing, a fit by simulation error may predict better."""
 
     by: str  # LIKELIHOOD or SIMULATION
     model: _core.Model
@@ -66,12 +66,9 @@ class Conclusion:
     """What a diagnosis concludes."""
 
     verdict: str  # complete, missing, varies, memory, unexplained, undecided or misread
-    improved: _core.Model  # refitted
-    parameters: List[Document]  # the improved model's: name, unit, value, ci95, ...
-    by: str  # how it was fitted: LIKELIHOOD or SIMULATION
-    error: float  # its error on the runs fitted to
+    before: Refit  # the best without further effects
+    after: Refit  # the improved model
     noise_floor: float
-    before: Refit
     steps: List[float]  # error on held-out runs of the model as it is by likelihood, then after each step
     judgements: Mapping[str, Judgement]  # by effect
     heldout_floor: float  # noise floor of the runs on which steps are measured
@@ -87,9 +84,15 @@ class Conclusion:
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
     @property
+    def improved(self) -> _core.Model:
+        """The improved model."""
+        return self.after.model
+
+    @property
     def heldout(self) -> List[float]:
-        """Error on held-out runs: the best without further effects, then after each step."""
-        return [self.before.heldout, *self.steps[1:]]
+        """Error on held-out runs: the best without further effects, then after each step, of the improved
+        model last."""
+        return [self.before.heldout, *self.steps[1:-1], self.after.heldout][: len(self.steps)]
 
     @cached_property
     def bands(self) -> List[bands.Bands]:
@@ -113,20 +116,20 @@ class HeldOut:
         each = folds.calibrated_errors(self.runs, self.cut, self.likelihood, fit)
         return float(window_error.mean(self.cut, each).sum())
 
-    def error_before(self, found: Diagnosis, before: Refit) -> float:
-        """Error of the model as it is."""
-        if before.by == LIKELIHOOD:
-            return self.error(found.search.nominal())
+    def error_of(self, refit: Refit, fit: Fit) -> float:
+        """Error of a Refit; fit: the one that it is if it was fitted by likelihood."""
+        if refit.by == LIKELIHOOD:
+            return self.error(fit)
         try:
-            return float(window_error.channel_errors(self.runs, self.cut, before.model).sum())
+            return float(window_error.channel_errors(self.runs, self.cut, refit.model).sum())
         except GroundError:  # the motion is not finite
             return np.inf
 
-    def tested_before(self, found: Diagnosis, before: Refit) -> judge.Tested:
-        """What the model as it is predicts."""
-        if before.by == LIKELIHOOD:
-            return self.tested(found.search.nominal())
-        errors = self.starts.errors(self.runs, [before.model] * len(self.starts.windows))
+    def tested_of(self, refit: Refit, fit: Fit) -> judge.Tested:
+        """What a Refit predicts; fit: see error_of."""
+        if refit.by == LIKELIHOOD:
+            return self.tested(fit)
+        errors = self.starts.errors(self.runs, [refit.model] * len(self.starts.windows))
         return judge.Tested(errors, np.array([w.run for w in self.starts.windows]))
 
     def tested(self, fit: Fit) -> judge.Tested:
@@ -170,7 +173,8 @@ def _conclude(
             verdict = _verdict(found, explained, varies, left, agrees)
         elif verdict == "missing":
             named = None
-    tested = named.judged.tested if named else found.best.tested
+    after = _grown(found) if found.chosen or before.by == LIKELIHOOD else before
+    tested = named.judged.tested if named else after.tested
     if found.chosen and found.compared(tested, before.tested).is_worse:
         off = (*astuple(tested.error), *astuple(before.tested.error))
         if found.by_simulation is not None or not found.grow_by_simulation(MISLEADS % off):
@@ -178,22 +182,16 @@ def _conclude(
         return _conclude(found, heldout, misread, refits)
     formula = named.formula if named else None
     by_user = HeldOut(found, heldout) if heldout else None
+    steps = _steps(found, by_user)
     if by_user:
-        before = replace(before, heldout=by_user.error_before(found, before))
-    improved, parameters, by, error = before.model, list(before.parameters), before.by, before.error
-    if not _is_before(found, before):
-        improved, parameters = _on_all(found)
-        by = SIMULATION if found.by_simulation else LIKELIHOOD
-        error = float(found.best.error.sum())
+        before = replace(before, heldout=by_user.error_of(before, found.search.nominal()))
+        after = replace(after, heldout=by_user.error_of(after, found.fit))
     return Conclusion(
         verdict,
-        improved,
-        parameters,
-        by,
-        error,
-        floor,
         before,
-        _steps(found, by_user),
+        after,
+        floor,
+        steps,
         _judgements(found, by_user, before),
         float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor,
         varies,
@@ -201,10 +199,23 @@ def _conclude(
         agrees,
         formula,
         named.judged if named else None,
-        _prediction(found, by_user, before, named),
+        _prediction(found, by_user, before, after, named),
         found,
         heldout,
     )
+
+
+def _grown(found: Diagnosis) -> Refit:
+    """The grown model, as it was found; with effects, by simulation error where the judge proves that this
+    predicts better."""
+    by = SIMULATION if found.by_simulation else LIKELIHOOD
+    errors = [float(one.sum()) for one in (found.best.error, found.best.heldout)]
+    best = Refit(by, *_on_all(found), errors[0], errors[1], found.best.tested)
+    if found.chosen and not found.by_simulation:
+        for other in _by_simulation(found, found.model, found.fit.free):
+            if found.compared(other.tested, best.tested).is_better:
+                best = other
+    return best
 
 
 def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
@@ -232,29 +243,36 @@ def _intervals(found: Diagnosis) -> List[Document]:
         return list(found.fit.parameters)
 
 
-def _is_before(found: Diagnosis, before: Refit) -> bool:
-    """Whether the improved model is the one without effects that was fitted by simulation error, because it
-    predicts better than that of the likelihood."""
-    return not found.chosen and before.by == SIMULATION
-
-
 def _refits(found: Diagnosis) -> List[Refit]:
     """The model as it is, refitted by likelihood and, where it can be simulated, by simulation error over
     long windows and over short ones, on which a disturbance adds up to less. Errors are over the windows
     and folds of a Diagnosis."""
-    refits = [_refit(LIKELIHOOD, found.nominal, found.nominal.tested)]
-    free = window_error.free_parameters(found.given)
+    free, near = window_error.free_parameters(found.given), [found.nominal.model]
+    nominal = _refit(LIKELIHOOD, found.nominal, found.nominal.tested)
+    return [nominal, *_by_simulation(found, found.given, free, near)]
+
+
+def _by_simulation(
+    found: Diagnosis, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()
+) -> List[Refit]:
+    """A model refitted by simulation error over long and over short windows, from its values and those of
+    others, where it can be simulated."""
+    refits = []
     for length in LENGTHS:
         with contextlib.suppress(GroundError):  # the simulation diverges
             seconds = length * windows.length(found.runs)
             fitter = window_error.WindowFitter(found.runs, threads=1, length=seconds)
-            fitted = fitter.fit(found.given, free, also=[found.nominal.model])
+            fitted = fitter.fit(model, free, also)
             refits.append(_refit(SIMULATION, fitted, found.tested(fitter, fitted)))
     return refits
 
 
 def _prediction(
-    found: Diagnosis, by_user: Optional[HeldOut], before: Refit, named: Optional["_Named"]
+    found: Diagnosis,
+    by_user: Optional[HeldOut],
+    before: Refit,
+    after: Refit,
+    named: Optional["_Named"],
 ) -> Optional[PredictionError]:
     """How far predicted poses are off, on the runs that the user held out or on the folds."""
     starts, runs = (by_user.starts, by_user.runs) if by_user else (found.starts, found.runs)
@@ -264,15 +282,13 @@ def _prediction(
     def same(model: _core.Model) -> PoseError:
         return PoseError.of(starts.errors(runs, [model] * len(starts.windows)))
 
-    def held_out(fit: Fit, judged: folds.Judged) -> PoseError:
-        return (by_user.tested(fit) if by_user else judged.tested).error
-
-    errors = {"given": same(found.given), "refitted": before.tested.error}
-    errors["improved"] = before.tested.error if _is_before(found, before) else held_out(found.fit, found.best)
+    errors = {"given": same(found.given), "refitted": before.tested.error, "improved": after.tested.error}
     if by_user:
-        errors["refitted"] = by_user.tested_before(found, before).error
+        errors["refitted"] = by_user.tested_of(before, found.search.nominal()).error
+        errors["improved"] = by_user.tested_of(after, found.fit).error
     if named:
-        errors["formula"] = held_out(named.formula.fit, named.judged)
+        judged = by_user.tested(named.formula.fit) if by_user else named.judged.tested
+        errors["formula"] = judged.error
     return horizon.with_floors(runs, starts, errors, found.model, found.fit.levels)
 
 
@@ -297,7 +313,7 @@ def _judgements(found: Diagnosis, others: Optional[HeldOut], before: Refit) -> D
         by_user = None
         if others:
             tested = others.tested(found.fit)
-            by_user = found.compared(tested, others.tested_before(found, before))
+            by_user = found.compared(tested, others.tested_of(before, found.search.nominal()))
             if not by_user.is_worse:
                 by_user = found.compared(tested, others.tested(step.rest))
         result[step.added] = Judgement(step.confirmed, by_user)

@@ -73,17 +73,11 @@ def _answers(report: Document) -> Iterator[str]:
     for step in report["steps"]:
         yield _effect(report, step)
     by_simulation = report["improved"].get("by") == SIMULATION  # not in reports of release 1.0.0
-    if by_simulation and report["steps"]:
-        yield (
-            "Found by simulation error. What the likelihood prefers predicts data that it was not fitted to "
-            "worse: what moves the craft by chance, or the errors of its poses, last longer here than its "
-            "random disturbance can tell from motion."
-        )
     rest = _rest(report)
     if rest:
         yield rest
-    if by_simulation and not report["steps"]:
-        yield "The model is refitted by simulation error: it predicts better than the one by likelihood."
+    if by_simulation:
+        yield "The model is fitted by simulation error: it predicts better than the one by likelihood."
     if report["steps"] and not rest and _rest_matters(report):
         yield capital(_left(report))
 

@@ -209,7 +209,7 @@ def _result(
     conclusion: Conclusion,
     report: Document,
 ) -> Diagnosis:
-    parameters = parameters_by_name(conclusion.parameters)
+    parameters = parameters_by_name(conclusion.after.parameters)
     return Diagnosis(
         verdict=conclusion.verdict,
         effects=tuple(report["improved"]["effects"]),

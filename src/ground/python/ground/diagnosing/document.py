@@ -61,10 +61,10 @@ def begun(
         },
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
-            "parameters": _parameters(conclusion.parameters),
-            "error": _error(conclusion.error, conclusion.heldout[-1], by),
+            "parameters": _parameters(conclusion.after.parameters),
+            "error": _error(conclusion.after.error, conclusion.heldout[-1], by),
             "cross_validated": float(diagnosis.best.heldout.sum()),
-            "by": conclusion.by,
+            "by": conclusion.after.by,
         },
         "noise_floor": conclusion.heldout_floor,
         "prediction": horizon.as_document(conclusion.prediction),

@@ -25,6 +25,7 @@ PLACEBOS = 9  # tried lags at which no motion follows
 # the share that commands of other times explain and at least the last one.
 FOLLOWS, CLEARLY, MIN_FOLLOWED = 0.1, 3.0, 0.02
 EXCLUDED = 3.0  # standard errors beyond which an effect is excluded
+SIDES = 2.0  # standard errors on both sides of a number that are told
 AMBIGUOUS = 0.6  # noise of headings from which it is not known which way the craft turned [rad]
 POWER = 0.5  # least share of accelerations that is no noise, where it can be decided
 BLOCKS = 10  # blocks of time that errors are estimated from
@@ -127,14 +128,14 @@ def regression(recording: Recording) -> Optional[Reply]:
 
 def _timing(lags: Array, costs: Array, resolved: float) -> Tuple[float, bool]:
     """The standard error [s] of the lag with the least of some costs (lags, blocks), and whether the lag is
-    below zero beyond chance and what is resolved [s]."""
+    below zero beyond chance, its own uncertainty, and what is resolved [s]."""
     whole = costs.sum(axis=1, keepdims=True)
     others = lags[(whole - costs).argmin(axis=0)]  # without one block
     error = float(np.sqrt((BLOCKS - 1) * others.var() + (lags[1] - lags[0]) ** 2 / 12))
     best, later = int(whole.argmin()), np.flatnonzero(lags >= 0)
     gain = costs[later[whole[later].argmin()]] - costs[best]
     clear = gain.mean() > EXCLUDED * gain.std(ddof=1) / np.sqrt(BLOCKS)
-    return error, bool(lags[best] < -resolved and clear)
+    return error, bool(lags[best] < -max(resolved, SIDES * error) and clear)
 
 
 class _Slow(NamedTuple):

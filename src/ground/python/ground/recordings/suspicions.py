@@ -37,7 +37,7 @@ MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run
 FADED = 0.5  # share of a command's effect below which other commands act most of the time
 LEAST_SHARE = 0.05  # share of the accelerations that commands explain, below which their ages decide nothing
 WHOLE = 0.8  # share above which an effect lasts, at the lag of a wrong clock
-BOUND, SIDES = 1.645, 2.0  # standard errors of a bound and to both sides of an interval, of 95%
+BOUND = 1.645  # standard errors of a bound of 95%
 CLEAR = 2.5  # least evidence of another clock, in its standard errors
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
 MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
@@ -171,7 +171,7 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
         yield Suspicion(
             "clock",
             "the motion comes %.0f ms (+- %.0f) before its command: commands are stamped late, or the clocks "
-            "of poses and commands differ" % (-1e3 * found["lag"], SIDES * 1e3 * found["error"]),
+            "of poses and commands differ" % (-1e3 * found["lag"], reply.SIDES * 1e3 * found["error"]),
             "clock_offset: %.2f in a mapping" % -found["lag"],
         )
         return
