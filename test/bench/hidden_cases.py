@@ -35,6 +35,7 @@ FREE = NOMINAL[2:]
 LEVELS = (0.01, 0.02, 0.05)  # sigma of the disturbance, relative to full thrust
 TRIM = 0.03  # standard deviation from run to run, relative to full thrust or its moment
 LAGS = ["input_delay", "motor_lag"]
+SPIN_UP = [*LAGS, "motor_rise_fall"]  # right for motors that rise and fall at different rates
 # Effects that the library cannot express, with the medians of their parameters, in SI units.
 HISTORY = {
     "spin_up": {"rise": 0.06, "fall": 0.02},
@@ -389,7 +390,7 @@ def history(kind, seed):
     random = random_of(kind, seed, "sizes")
     sizes = {n: between(random, s / SIZE_FACTOR, s * SIZE_FACTOR) for n, s in HISTORY[name].items()}
     case.effects[name] = sizes
-    case.allowed = list(LAGS) if name == "spin_up" else []
+    case.allowed = list(SPIN_UP) if name == "spin_up" else []
     return case
 
 

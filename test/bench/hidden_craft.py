@@ -192,9 +192,9 @@ def _spin(p, at, z):
 
 
 def _slew(p, at, z):
-    """Thrusters whose inputs change by at most `rate` [1/s]."""
-    most = p["rate"]
-    return [min(max((u - w) / SLEWS, -most), most) for u, w in zip((at.left, at.right), z)]
+    """Thrusters whose inputs change by at most `rate` [1/s]; near their command, with a time constant."""
+    most, near = p["rate"], p.get("near", SLEWS)
+    return [min(max((u - w) / near, -most), most) for u, w in zip((at.left, at.right), z)]
 
 
 def _pressure(p, at, z):

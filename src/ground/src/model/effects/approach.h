@@ -71,4 +71,13 @@ T commanded(const StepInputs<T>& inputs, int i) {
   return at[0](i) + (4.0 * (at[1](i) - at[0](i)) + (at[2](i) - at[0](i))) * (1.0 / 6);
 }
 
+/// Moves channel i over a step with one lag where its input rises, away from 0, and another where it falls. A
+/// step in which the input changes its sign keeps the lag with which it began.
+template <typename T>
+void riseOrFall(const Remains<T>& rising, const Remains<T>& falling, int i, T& state,
+                StepInputs<T>& inputs) {
+  const T command = commanded(inputs, i);
+  approach(command, select(state * (command - state) < 0.0, falling, rising), i, state, inputs);
+}
+
 }  // namespace ground
