@@ -59,10 +59,10 @@ def craft_of(model):
     """The hidden_craft.Craft of a _core.Model; GroundError if it has an effect that hidden_craft lacks."""
     effects = {}
     for effect in model.effects:
-        own = hidden_effects.OF_CRAFT.get(effect, effect)
-        if own == effect and effect not in hidden_effects.STRENGTHS:
+        if effect not in {**hidden_effects.STRENGTHS, **hidden_effects.OF_CRAFT}:
             raise GroundError("the bench's craft has no effect %s: add it to hidden_craft" % effect)
         names = [p["name"] for p in _core.effects()[effect]["parameters"]]
+        own = hidden_effects.OF_CRAFT.get(effect, effect)
         effects[own] = {name: model.value("%s.%s" % (effect, name)) for name in names}
     for name, value in effects.get("spin_up", {}).items():
         effects["spin_up"][name] = max(value, SHORT)
