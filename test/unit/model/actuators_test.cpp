@@ -39,9 +39,10 @@ InputSequence steps() {
   return inputs;
 }
 
-/// Straight ahead, without damping, the speed is the sum of what acts: here by an independent integration in steps of 10 us.
-/// acts: input that acts at a command, from the states before; it moves the states by h.
-using Acts = std::function<Vector2<double>(const Vector2<double>& command, Vector2<double>& states, double h)>;
+/// Straight ahead, without damping, the speed is the sum of what acts: here by an independent integration in
+/// steps of 10 us. acts: input that acts at a command, from the states before; it moves the states by h.
+using Acts =
+    std::function<Vector2<double>(const Vector2<double>& command, Vector2<double>& states, double h)>;
 
 double speed(const Model& model, const Acts& acts, double end) {
   constexpr double kStep = 1e-5;

@@ -13,7 +13,7 @@ UNSEEN = 0.003  # an effect is unseen if the fitted parameters leave less of its
 
 
 class ScoreTests:
-    """Score tests of effects that a fit does not have, at their neutral parameters. Parameters that do nothing
+    """Score tests of effects that a fit does not have, at their neutral parameters. Those that do nothing
     there (`shape`) stay.
 
     With scores s and information A of the fitted (n) and the tested (t) parameters, the fitted ones

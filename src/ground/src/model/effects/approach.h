@@ -74,8 +74,7 @@ T commanded(const StepInputs<T>& inputs, int i) {
 /// Moves channel i over a step with one lag where its input rises, away from 0, and another where it falls. A
 /// step in which the input changes its sign keeps the lag with which it began.
 template <typename T>
-void riseOrFall(const Remains<T>& rising, const Remains<T>& falling, int i, T& state,
-                StepInputs<T>& inputs) {
+void riseOrFall(const Remains<T>& rising, const Remains<T>& falling, int i, T& state, StepInputs<T>& inputs) {
   const T command = commanded(inputs, i);
   approach(command, select(state * (command - state) < 0.0, falling, rising), i, state, inputs);
 }

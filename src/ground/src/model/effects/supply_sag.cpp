@@ -5,8 +5,8 @@
 
 namespace ground {
 
-/// A supply that sags under load and recovers: each input that acts is w (1 - part z), where z follows the mean
-/// size of all inputs with a time constant. The time does nothing where the part is 0; a fit begins at 1 s.
+/// A supply that sags under load and recovers: each input that acts is w (1 - part z), where z follows the
+/// mean size of all inputs with a time constant. The time does nothing where the part is 0.
 struct SupplySag {
   static EffectInfo info() {
     return {"supply_sag",
