@@ -132,3 +132,20 @@ def test_thinning_keeps_the_information_of_the_poses():
     assert rest.std(axis=0) == pytest.approx(np.array(thin.noise), rel=0.2)
     assert np.array(thin.noise) == pytest.approx(noise / 2)
     assert thinned(thin) is thin
+
+
+def test_two_lags_have_to_earn_their_place_beside_one():
+    from unittest import mock
+
+    from ground import _core
+    from ground.analysis import candidates
+    from ground.analysis.refits import Fitting
+    from ground.analysis.search import Search
+
+    model = _core.load_model(str(ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"))
+    by_name = {c.name: c for c in candidates.library(model)}
+    search = Search(Fitting(mock.Mock(), model, by_name))
+    assert search.threshold("motor_rise_fall") == 2 * search.threshold("motor_lag")
+    del by_name["motor_lag"]
+    alone = Search(Fitting(mock.Mock(), model, by_name))
+    assert alone.threshold("motor_rise_fall") == alone.threshold("wind")  # of two parameters
