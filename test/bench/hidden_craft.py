@@ -236,8 +236,8 @@ THRUST_OF = {
     "supply_sag": lambda p, z: (1 - p["part"] * z[0], 1 - p["part"] * z[0]),
 }
 WRENCH_OF = {"skirt_pressure": _leak}
-# Effects outside the project's library; Channel implements thrust_backlash, unequal_delays, dead_zone and
-# coarse_commands, and `sway` what the motion capture sees of a body that sways.
+# Effects that the project's library does not have, or not by these names; Channel implements thrust_backlash,
+# unequal_delays, dead_zone and coarse_commands, and `sway` what the mocap sees of a body that sways.
 MEMORY = ["spin_up", "thrust_droop", "skirt_pressure", "thrust_backlash", "warm_up"]
 OUTSIDE_LIBRARY = MEMORY + ["unequal_delays", "floor_field", "thrust_scale", "slew", "supply_sag"]
 OUTSIDE_LIBRARY += ["dead_zone", "coarse_commands", "sweeping_fan", "hum", "later_wrench", "later_thrust"]

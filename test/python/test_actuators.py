@@ -72,6 +72,7 @@ MEMORY = {
     "motor_rise_fall": {"rise": 0.08, "fall": 0.025},
     "motor_rate": {"rate": 5.0},
     "supply_sag": {"part": 0.25, "time": 0.6},
+    "thrust_droop": {"part": 0.25, "time": 0.6},
     "motor_lag": {"tau": 0.05},
 }
 

@@ -96,6 +96,7 @@ def test_the_bench_has_every_effect_that_is_tried_by_default():
         ("motor_rise_fall", {"rise": 0.07, "fall": 0.02}),
         ("motor_rate", {"rate": 5.0}),
         ("supply_sag", {"part": 0.3, "time": 0.5}),
+        ("thrust_droop", {"part": 0.3, "time": 0.5}),
     ],
 )
 def test_the_judge_moves_a_craft_with_the_memory_of_thrusters_as_the_core_does(effect, parameters):

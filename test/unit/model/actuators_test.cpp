@@ -130,6 +130,24 @@ TEST(SupplySag, RecoversWithoutLoad) {
   expectSpeed(with("supply_sag", {{"part", 0.3}, {"time", 0.4}}), acts);
 }
 
+TEST(ThrustDroop, IsThatOfEachThruster) {
+  Model model = with("thrust_droop", {{"part", 0.3}, {"time", 0.4}});
+  const Acts acts = [](const Vector2<double>& command, Vector2<double>& states, double h) {
+    const Vector2<double> before = states;
+    states += h / 0.4 * (command - before);
+    return Vector2<double>(command.array() * (1 - 0.15 * (before + states).array()));
+  };
+  expectSpeed(model, acts);
+  const Dynamics<double> dynamics(model);
+  InputSequence one;
+  one.add(0, 1, 0, 0.9);
+  one.add(3, 1, 1, 0.9);
+  Simulation<double> simulation(dynamics, one, {}, 0);
+  simulation.advance(3);
+  EXPECT_NEAR(simulation.actuated()(0), 0.7, 1e-3);
+  EXPECT_NEAR(simulation.actuated()(1), 1, 1e-9);  // it begins to work
+}
+
 TEST(Actuators, WorkOneAfterAnother) {
   // a lag of what a limited rate lets through, whatever the length of a step
   Model model = with("motor_rate", {{"rate", 6}});

@@ -56,12 +56,26 @@ Remains<T> ramp(const T& time, const T& h) {
   return choose(time > h, whole, part);
 }
 
+/// A state that moves to a target, at the three nodes of a step. Moves it to the end.
+template <typename T>
+std::array<T, 3> moving(const T& target, const Remains<T>& left, T& state) {
+  const T difference = state - target;
+  state = target + difference * left[3];
+  return {T(target + difference * left[0]), T(target + difference * left[1]),
+          T(target + difference * left[2])};
+}
+
 /// Moves channel i, which is at `state`, over a step.
 template <typename T>
 void approach(const T& command, const Remains<T>& left, int i, T& state, StepInputs<T>& inputs) {
-  const T difference = state - command;
-  for (std::size_t node = 0; node < 3; ++node) inputs.thrusters[node](i) = command + difference * left[node];
-  state = command + difference * left[3];
+  const std::array<T, 3> at = moving(command, left, state);
+  for (std::size_t node = 0; node < 3; ++node) inputs.thrusters[node](i) = at[node];
+}
+
+/// Takes a part of a load that channel i follows from its input.
+template <typename T>
+void weaken(const T& part, const std::array<T, 3>& load, int i, StepInputs<T>& inputs) {
+  for (std::size_t node = 0; node < 3; ++node) inputs.thrusters[node](i) *= T(1.0 - part * load[node]);
 }
 
 /// What is commanded to channel i over a step, which an earlier actuator may have changed: its mean.

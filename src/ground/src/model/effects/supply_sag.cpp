@@ -24,12 +24,9 @@ struct SupplySag {
     for (int i = 0; i < inputs.thrusters[0].size(); ++i)
       if (!inputs.isAngle(i)) load += abs(commanded(inputs, i));
     load /= static_cast<double>(inputs.layout->forces());
-    const Remains<T> left = decay(p[1], h);
-    const T difference = states[0] - load;
-    for (std::size_t node = 0; node < 3; ++node)
-      for (int i = 0; i < inputs.thrusters[0].size(); ++i)
-        if (!inputs.isAngle(i)) inputs.thrusters[node](i) *= 1.0 - p[0] * (load + difference * left[node]);
-    states[0] = load + difference * left[3];
+    const std::array<T, 3> sag = moving(load, decay(p[1], h), states[0]);
+    for (int i = 0; i < inputs.thrusters[0].size(); ++i)
+      if (!inputs.isAngle(i)) weaken(p[0], sag, i, inputs);
   }
 };
 GROUND_REGISTER_EFFECT(SupplySag)
