@@ -207,6 +207,10 @@ def _first_order(time, at, z):
     return [(at.left - z[0]) / time, (at.right - z[1]) / time]
 
 
+def _weaker(part, at, left, right):
+    return at.left * (1 - part * left), at.right * (1 - part * right)
+
+
 def _cold(p, z):
     """Cold thrusters give less thrust by a share `part`, which decays with their use."""
     share = 1 - p["part"] * math.exp(-z[0] / p["use"])
@@ -227,9 +231,15 @@ STATES = {
     "slew": (2, _slew),
     "supply_sag": (1, lambda p, at, z: [((at.left + at.right) / 2 - z[0]) / p["time"]]),
     "skirt_pressure": (1, _pressure),
+    "supply_of_inputs": (1, lambda p, at, z: [((at.left + at.right) / 2 - z[0]) / p["time"]]),
+    "droop_of_inputs": (2, lambda p, at, z: _first_order(p["time"], at, z)),
 }
 # Action of these effects: inputs at the thrusters, factors on their forces, a wrench.
-INPUT_OF = {name: lambda p, z: z for name in ("motor_lag", "spin_up", "slew")}
+INPUT_OF = {name: lambda p, at, z: z for name in ("motor_lag", "spin_up", "slew")}
+# What weakens thrusters takes a part of their inputs in the project's library. Beside a thrust_curve that is
+# another part of the force.
+INPUT_OF["supply_of_inputs"] = lambda p, at, z: _weaker(p["part"], at, z[0], z[0])
+INPUT_OF["droop_of_inputs"] = lambda p, at, z: _weaker(p["part"], at, *z)
 THRUST_OF = {
     "thrust_droop": lambda p, z: (1 - p["part"] * z[0], 1 - p["part"] * z[1]),
     "warm_up": _cold,
@@ -417,7 +427,7 @@ class _Rates:
             z = state[span]
             rates += rate(p, at, z)
             if gives:
-                at.left, at.right = gives(p, z)
+                at.left, at.right = gives(p, at, z)
         if self.nameless:
             rates += self.nameless.rates(at, state[self.nameless_span])
         X, Y, N = self._wrench(state, push)

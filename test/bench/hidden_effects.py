@@ -38,8 +38,8 @@ STRENGTHS = {
 OF_CRAFT = {
     "motor_rise_fall": "spin_up",
     "motor_rate": "slew",
-    "supply_sag": "supply_sag",
-    "thrust_droop": "thrust_droop",
+    "supply_sag": "supply_of_inputs",
+    "thrust_droop": "droop_of_inputs",
 }
 ONE_SIDED = {"input_delay", "motor_lag", "battery_sag", "quadratic_drag", "coulomb_friction"}
 ONE_SIDED |= {"momentum_drag", "added_mass", "thrust_speed_loss", "skirt_friction"}
