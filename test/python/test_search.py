@@ -105,13 +105,23 @@ def test_a_force_that_all_runs_have_does_not_differ_between_them():
 
 
 @slow
-@pytest.mark.parametrize("seed, kind", [(7, "thrust_droop"), (10, "warm_up")])
-def test_memory_is_found_and_no_effect_is_chosen_for_it(seed, kind):
-    case, found, conclusion = diagnosed("history", seed)
-    assert list(case.effects) == [kind]
+def test_memory_is_found_and_no_effect_is_chosen_for_it():
+    case, found, conclusion = diagnosed("history", 10)
+    assert list(case.effects) == ["warm_up"]
     assert conclusion.verdict == "memory" and names(found) == []
     assert "the past" in conclusion.formula.means
     assert conclusion.formula.fit.log_posterior > found.fit.log_posterior + 50
+
+
+HAS_NAME = [(1, "spin_up", "motor_rise_fall"), (7, "thrust_droop", "thrust_droop")]
+
+
+@slow
+@pytest.mark.parametrize("seed, kind, name", HAS_NAME)
+def test_memory_that_has_a_name_is_named(seed, kind, name):
+    case, found, conclusion = diagnosed("history", seed)
+    assert list(case.effects) == [kind] and names(found) == [name]
+    assert conclusion.verdict == "missing"
 
 
 def test_thinning_keeps_the_information_of_the_poses():
