@@ -67,7 +67,7 @@ def test_rosrun_is_completed_by_the_environment_hook():
           _ground_rosrun; echo "${COMPREPLY[@]}"
         }
         ask rosrun ground identify dia
-        ask rosrun ground identify add moto
+        ask rosrun ground identify add motor_l
         ask rosrun ground pl
         ask rosrun rviz rv
     """
