@@ -103,7 +103,7 @@ def memory(kind, seed):
     low, high = -np.log(factor), np.log(factor)
     sizes = hidden_cases.HISTORY[name].items()
     case.effects[name] = {p: float(s * np.exp(random.uniform(low, high))) for p, s in sizes}
-    case.allowed = list(hidden_cases.LAGS) if name == "spin_up" else []
+    case.allowed = list(hidden_cases.RIGHT.get(name, []))
     case.depends = sorted(MEMORY[name])
     return case
 

@@ -35,7 +35,14 @@ FREE = NOMINAL[2:]
 LEVELS = (0.01, 0.02, 0.05)  # sigma of the disturbance, relative to full thrust
 TRIM = 0.03  # standard deviation from run to run, relative to full thrust or its moment
 LAGS = ["input_delay", "motor_lag"]
-# Effects that the library cannot express, with the medians of their parameters, in SI units.
+# Effects of the library that are right for one that hidden_craft has by another name, or besides its own.
+RIGHT = {
+    "spin_up": [*LAGS, "motor_rise_fall"],
+    "slew": [*LAGS, "motor_rate"],
+    "supply_sag": ["supply_sag"],
+    "thrust_droop": ["thrust_droop"],
+}
+# Effects with a memory, with the medians of their parameters, in SI units.
 HISTORY = {
     "spin_up": {"rise": 0.06, "fall": 0.02},
     "thrust_droop": {"part": 0.2, "time": 1.5},
@@ -389,7 +396,7 @@ def history(kind, seed):
     random = random_of(kind, seed, "sizes")
     sizes = {n: between(random, s / SIZE_FACTOR, s * SIZE_FACTOR) for n, s in HISTORY[name].items()}
     case.effects[name] = sizes
-    case.allowed = list(LAGS) if name == "spin_up" else []
+    case.allowed = list(RIGHT.get(name, []))
     return case
 
 

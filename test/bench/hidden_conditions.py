@@ -9,7 +9,7 @@ third of the cases has an effect of the library beside it. Each has a random pus
 import numpy as np
 
 import hidden_effects
-from hidden_cases import FRAMES, LAGS, between, full_wrench, hide, plain, push, random_of
+from hidden_cases import FRAMES, LAGS, RIGHT, between, full_wrench, hide, plain, push, random_of
 from hidden_effects import in_turn
 
 FITTED = 3  # runs of a case that the tool gets; the others are fresh
@@ -83,7 +83,7 @@ def _rise_and_fall(kind, seed):
     case, random = _begun(kind, seed)
     slow = between(random, 0.01, 0.15)
     times = random.permutation([slow, slow * random.uniform(0.1, 0.6)])
-    return _with(case, "spin_up", dict(zip(("rise", "fall"), times)), LAGS)
+    return _with(case, "spin_up", dict(zip(("rise", "fall"), times)), RIGHT["spin_up"])
 
 
 def _dead_zone(kind, seed):
@@ -94,7 +94,7 @@ def _dead_zone(kind, seed):
 
 def _slew(kind, seed):
     case, random = _begun(kind, seed)
-    return _with(case, "slew", {"rate": between(random, 2.0, 20.0)}, LAGS)
+    return _with(case, "slew", {"rate": between(random, 2.0, 20.0)}, RIGHT["slew"])
 
 
 def _coarse_commands(kind, seed):
@@ -105,7 +105,7 @@ def _coarse_commands(kind, seed):
 def _supply_sag(kind, seed):
     case, random = _begun(kind, seed)
     sag = {"part": between(random, 0.03, 0.4), "time": between(random, 0.2, 3.0)}
-    return _with(case, "supply_sag", sag)
+    return _with(case, "supply_sag", sag, RIGHT["supply_sag"])
 
 
 def _phases(case, name, random):

@@ -192,9 +192,9 @@ def _spin(p, at, z):
 
 
 def _slew(p, at, z):
-    """Thrusters whose inputs change by at most `rate` [1/s]."""
-    most = p["rate"]
-    return [min(max((u - w) / SLEWS, -most), most) for u, w in zip((at.left, at.right), z)]
+    """Thrusters whose inputs change by at most `rate` [1/s]; near their command, with a time constant."""
+    most, near = p["rate"], p.get("near", SLEWS)
+    return [min(max((u - w) / near, -most), most) for u, w in zip((at.left, at.right), z)]
 
 
 def _pressure(p, at, z):
@@ -205,6 +205,10 @@ def _pressure(p, at, z):
 
 def _first_order(time, at, z):
     return [(at.left - z[0]) / time, (at.right - z[1]) / time]
+
+
+def _weaker(part, at, left, right):
+    return at.left * (1 - part * left), at.right * (1 - part * right)
 
 
 def _cold(p, z):
@@ -227,17 +231,23 @@ STATES = {
     "slew": (2, _slew),
     "supply_sag": (1, lambda p, at, z: [((at.left + at.right) / 2 - z[0]) / p["time"]]),
     "skirt_pressure": (1, _pressure),
+    "supply_of_inputs": (1, lambda p, at, z: [((at.left + at.right) / 2 - z[0]) / p["time"]]),
+    "droop_of_inputs": (2, lambda p, at, z: _first_order(p["time"], at, z)),
 }
 # Action of these effects: inputs at the thrusters, factors on their forces, a wrench.
-INPUT_OF = {name: lambda p, z: z for name in ("motor_lag", "spin_up", "slew")}
+INPUT_OF = {name: lambda p, at, z: z for name in ("motor_lag", "spin_up", "slew")}
+# What weakens thrusters takes a part of their inputs in the project's library. Beside a thrust_curve that is
+# another part of the force.
+INPUT_OF["supply_of_inputs"] = lambda p, at, z: _weaker(p["part"], at, z[0], z[0])
+INPUT_OF["droop_of_inputs"] = lambda p, at, z: _weaker(p["part"], at, *z)
 THRUST_OF = {
     "thrust_droop": lambda p, z: (1 - p["part"] * z[0], 1 - p["part"] * z[1]),
     "warm_up": _cold,
     "supply_sag": lambda p, z: (1 - p["part"] * z[0], 1 - p["part"] * z[0]),
 }
 WRENCH_OF = {"skirt_pressure": _leak}
-# Effects outside the project's library; Channel implements thrust_backlash, unequal_delays, dead_zone and
-# coarse_commands, and `sway` what the motion capture sees of a body that sways.
+# Effects that the project's library does not have, or not by these names; Channel implements thrust_backlash,
+# unequal_delays, dead_zone and coarse_commands, and `sway` what the mocap sees of a body that sways.
 MEMORY = ["spin_up", "thrust_droop", "skirt_pressure", "thrust_backlash", "warm_up"]
 OUTSIDE_LIBRARY = MEMORY + ["unequal_delays", "floor_field", "thrust_scale", "slew", "supply_sag"]
 OUTSIDE_LIBRARY += ["dead_zone", "coarse_commands", "sweeping_fan", "hum", "later_wrench", "later_thrust"]
@@ -417,7 +427,7 @@ class _Rates:
             z = state[span]
             rates += rate(p, at, z)
             if gives:
-                at.left, at.right = gives(p, z)
+                at.left, at.right = gives(p, at, z)
         if self.nameless:
             rates += self.nameless.rates(at, state[self.nameless_span])
         X, Y, N = self._wrench(state, push)

@@ -34,6 +34,13 @@ STRENGTHS = {
     "directional_yaw_damping": {"na": 6.5e-6},
     "skirt_friction": {"f0": 0.011, "n0": 5.6e-5},
 }
+# Effects of the library outside STRENGTHS, and their names in hidden_craft.
+OF_CRAFT = {
+    "motor_rise_fall": "spin_up",
+    "motor_rate": "slew",
+    "supply_sag": "supply_of_inputs",
+    "thrust_droop": "droop_of_inputs",
+}
 ONE_SIDED = {"input_delay", "motor_lag", "battery_sag", "quadratic_drag", "coulomb_friction"}
 ONE_SIDED |= {"momentum_drag", "added_mass", "thrust_speed_loss", "skirt_friction"}
 # True effects outside the library: formulas, parameters, and the arguments that they depend on.

@@ -21,6 +21,7 @@ from ground.simulation import experiments
 from ground.support.errors import GroundError
 
 STEP, SHORT = 8e-3, 1e-3  # longest and shortest step of a prediction [s]
+STIFF = ("tau", "rise", "fall", "near")  # time constants of hidden_craft's effects that limit a step
 LEAST = 1.0  # horizon where the tool gives none [s]
 HALF = 0.15  # half of the time over which noise of poses is averaged at a start [s]
 SMALL = 1e-5  # step of the differences that give velocities [s]
@@ -62,10 +63,15 @@ def craft_of(model):
     """The hidden_craft.Craft of a _core.Model; GroundError if it has an effect that hidden_craft lacks."""
     effects = {}
     for effect in model.effects:
-        if effect not in hidden_effects.STRENGTHS:
+        if effect not in {**hidden_effects.STRENGTHS, **hidden_effects.OF_CRAFT}:
             raise GroundError("the bench's craft has no effect %s: add it to hidden_craft" % effect)
         names = [p["name"] for p in _core.effects()[effect]["parameters"]]
-        effects[effect] = {name: model.value("%s.%s" % (effect, name)) for name in names}
+        own = hidden_effects.OF_CRAFT.get(effect, effect)
+        effects[own] = {name: model.value("%s.%s" % (effect, name)) for name in names}
+    for name, value in effects.get("spin_up", {}).items():
+        effects["spin_up"][name] = max(value, SHORT)
+    if "slew" in effects:
+        effects["slew"]["near"] = SHORT
     if effects.get("motor_lag", {}).get("tau", 1.0) < SHORT:  # too short to matter, or to integrate
         del effects["motor_lag"]
     return hidden_craft.Craft({name: model.value(name) for name in hidden_cases.NOMINAL}, effects)
@@ -170,7 +176,7 @@ class Blocks:
         edges = np.concatenate([times for times, _ in commands] + [firsts, self.frames[self.ends], lasts])
         if len(edges) > 4 * len(self.frames):  # commands at every step of a motion
             edges = np.concatenate([_changes(c) for c in commands] + [firsts, self.frames[self.ends], lasts])
-        step = min(STEP, craft.effects.get("motor_lag", {}).get("tau", STEP))
+        step = min([STEP, *(p[key] for p in craft.effects.values() for key in STIFF if key in p)])
         grid = np.append(np.arange(began, lasts[-1], step), lasts[-1])
         times = np.unique(np.concatenate([grid, edges[(edges > began) & (edges <= lasts[-1])]]))
         times = times[np.append(np.diff(times) > 1e-9, True)]

@@ -25,10 +25,9 @@ def equals(result, name):
 
 
 def false_effects(result):
-    """Chosen effects that are neither hidden nor declared equal to a hidden one."""
-    there = set(result["hidden"])
-    false = {name for name in chosen(result) if not equals(result, name) & there}
-    return false - set(result["allowed"])
+    """Chosen effects that are neither hidden or allowed nor declared equal to such a one."""
+    there = set(result["hidden"]) | set(result["allowed"])
+    return {name for name in chosen(result) if not equals(result, name) & there}
 
 
 def has_false_effect(result):

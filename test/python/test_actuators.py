@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import ROOT, identify
+from conftest import MODEL, ROOT, identify
 from ground import _core
 from ground.analysis import candidates, diagnosis
 from ground.recordings import suspicions
@@ -66,6 +66,27 @@ def test_a_diagnosis_names_the_offset_of_a_rudder(model):
     assert list(found.names) == ["angle_offset_rudder"]
     values = {p["name"]: p["value"] for p in found.fit.parameters}
     assert values["angle_offset_rudder.angle"] == pytest.approx(np.radians(4), abs=0.01)
+
+
+MEMORY = {
+    "motor_rise_fall": {"rise": 0.08, "fall": 0.025},
+    "motor_rate": {"rate": 5.0},
+    "supply_sag": {"part": 0.25, "time": 0.6},
+    "thrust_droop": {"part": 0.25, "time": 0.6},
+    "motor_lag": {"tau": 0.05},
+}
+
+
+@pytest.mark.parametrize("effect", MEMORY)
+def test_a_diagnosis_names_the_memory_of_thrusters(effect):
+    given = ground.Model.load(MODEL)
+    truth = given.with_effect(effect, **MEMORY[effect])
+    runs = [ground.simulate(truth, "multilevel-prbs", seed=seed, duration=10) for seed in (1, 2, 3)]
+    found = ground.diagnose(given, runs, only=[*MEMORY, "input_delay", "battery_sag"])
+    assert found.effects == (effect,)
+    for name, value in MEMORY[effect].items():
+        low, high = found.report["improved"]["parameters"]["%s.%s" % (effect, name)]["ci95"]
+        assert low < value < high, name
 
 
 def test_nothing_is_suspected_of_channels_that_are_angles(model):

@@ -42,8 +42,8 @@ def test_verbs_are_completed():
 @pytest.mark.parametrize(
     "line, expected",
     [
-        ("identify add moto", ["motor_lag"]),
-        ("identify diagnose run.bag --only wind moto", ["motor_lag"]),
+        ("identify add motor_l", ["motor_lag"]),
+        ("identify diagnose run.bag --only wind motor_l", ["motor_lag"]),
         ("identify fit --objective le", ["least-squares"]),
         ("identify fit --hol", ["--holdout"]),
         ("identify discover --no", ["--no-track"]),
@@ -67,7 +67,7 @@ def test_rosrun_is_completed_by_the_environment_hook():
           _ground_rosrun; echo "${COMPREPLY[@]}"
         }
         ask rosrun ground identify dia
-        ask rosrun ground identify add moto
+        ask rosrun ground identify add motor_l
         ask rosrun ground pl
         ask rosrun rviz rv
     """

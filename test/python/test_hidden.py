@@ -86,7 +86,27 @@ def test_the_craft_and_the_core_agree_on_all_effects_together():
 
 def test_the_bench_has_every_effect_that_is_tried_by_default():
     floor = {name for name, effect in _core.effects().items() if effect["surroundings"] != "water"}
-    assert floor - set(hidden_effects.STRENGTHS) <= {"floor_friction_map", "battery_voltage"}
+    known = {*hidden_effects.STRENGTHS, *hidden_effects.OF_CRAFT}
+    assert floor - known <= {"floor_friction_map", "battery_voltage"}
+
+
+@pytest.mark.parametrize(
+    "effect, parameters",
+    [
+        ("motor_rise_fall", {"rise": 0.07, "fall": 0.02}),
+        ("motor_rate", {"rate": 5.0}),
+        ("supply_sag", {"part": 0.3, "time": 0.5}),
+        ("thrust_droop", {"part": 0.3, "time": 0.5}),
+    ],
+)
+def test_the_judge_moves_a_craft_with_the_memory_of_thrusters_as_the_core_does(effect, parameters):
+    model = _core.load_model(hidden_effects.MODEL)
+    model.add_effect(effect)
+    for name, value in parameters.items():
+        model.set_value("%s.%s" % (effect, name), value)
+    motion = moved(hidden_judge.craft_of(model).effects, max_step=hidden_judge.SHORT)
+    assert np.abs(motion.eta - by_core({effect: parameters}, motion.times)).max() < 5e-3
+    assert np.abs(motion.eta[-1] - moved({}).eta[-1]).max() > 0.02
 
 
 @pytest.mark.parametrize(

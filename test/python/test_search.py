@@ -105,13 +105,23 @@ def test_a_force_that_all_runs_have_does_not_differ_between_them():
 
 
 @slow
-@pytest.mark.parametrize("seed, kind", [(7, "thrust_droop"), (10, "warm_up")])
-def test_memory_is_found_and_no_effect_is_chosen_for_it(seed, kind):
-    case, found, conclusion = diagnosed("history", seed)
-    assert list(case.effects) == [kind]
+def test_memory_is_found_and_no_effect_is_chosen_for_it():
+    case, found, conclusion = diagnosed("history", 10)
+    assert list(case.effects) == ["warm_up"]
     assert conclusion.verdict == "memory" and names(found) == []
     assert "the past" in conclusion.formula.means
     assert conclusion.formula.fit.log_posterior > found.fit.log_posterior + 50
+
+
+HAS_NAME = [(1, "spin_up", "motor_rise_fall"), (7, "thrust_droop", "thrust_droop")]
+
+
+@slow
+@pytest.mark.parametrize("seed, kind, name", HAS_NAME)
+def test_memory_that_has_a_name_is_named(seed, kind, name):
+    case, found, conclusion = diagnosed("history", seed)
+    assert list(case.effects) == [kind] and names(found) == [name]
+    assert conclusion.verdict == "missing"
 
 
 def test_thinning_keeps_the_information_of_the_poses():
@@ -132,3 +142,20 @@ def test_thinning_keeps_the_information_of_the_poses():
     assert rest.std(axis=0) == pytest.approx(np.array(thin.noise), rel=0.2)
     assert np.array(thin.noise) == pytest.approx(noise / 2)
     assert thinned(thin) is thin
+
+
+def test_two_lags_have_to_earn_their_place_beside_one():
+    from unittest import mock
+
+    from ground import _core
+    from ground.analysis import candidates
+    from ground.analysis.refits import Fitting
+    from ground.analysis.search import Search
+
+    model = _core.load_model(str(ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"))
+    by_name = {c.name: c for c in candidates.library(model)}
+    search = Search(Fitting(mock.Mock(), model, by_name))
+    assert search.threshold("motor_rise_fall") == 2 * search.threshold("motor_lag")
+    del by_name["motor_lag"]
+    alone = Search(Fitting(mock.Mock(), model, by_name))
+    assert alone.threshold("motor_rise_fall") == alone.threshold("wind")  # of two parameters

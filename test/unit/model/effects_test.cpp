@@ -82,14 +82,17 @@ TEST_P(EveryEffect, ChangesTheMotionInEachOfItsParameters) {
   const Model neutral = with(GetParam());
   const auto infos = neutral.parameters();
   for (std::size_t p = bodyParameters().size(); p < infos.size(); ++p) {
-    std::vector<double> coordinates = neutral.coordinates();
+    std::vector<double> before = neutral.coordinates();
+    if (infos[p].shape)
+      for (std::size_t q = bodyParameters().size(); q < infos.size(); ++q)
+        before[q] += infos[q].scale(neutral.body);
+    std::vector<double> coordinates = before;
     coordinates[p] += infos[p].scale(neutral.body);
     double largest = 0;
     for (double x = -2; x <= 2; ++x)
       for (double y = -2; y <= 2; ++y) {
         const Vector3<double> place(x, y, 2.0);
-        const auto nominal = run(neutral, neutral.coordinates(), place),
-                   changed = run(neutral, coordinates, place);
+        const auto nominal = run(neutral, before, place), changed = run(neutral, coordinates, place);
         largest = std::max(largest, difference(nominal.back(), changed.back()));
       }
     EXPECT_GT(largest, 1e-4) << infos[p].name;

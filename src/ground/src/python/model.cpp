@@ -23,7 +23,7 @@ namespace {
 
 py::dict describe(const ParameterInfo& info) {
   return py::dict("name"_a = info.name, "unit"_a = info.unit, "doc"_a = info.doc, "neutral"_a = info.neutral,
-                  "lower"_a = info.lower, "upper"_a = info.upper);
+                  "lower"_a = info.lower, "upper"_a = info.upper, "shape"_a = info.shape);
 }
 
 py::list describe(const std::vector<ParameterInfo>& infos) {
@@ -265,7 +265,8 @@ void defEffects(py::module_& module) {
           const EffectInfo& info = effect->info();
           all[py::str(name)] =
               py::dict("summary"_a = info.summary, "parameters"_a = describe(info.parameters),
-                       "opt_in"_a = info.opt_in, "surroundings"_a = nameOf(info.surroundings));
+                       "opt_in"_a = info.opt_in, "surroundings"_a = nameOf(info.surroundings),
+                       "contains"_a = info.contains);
         }
         return all;
       },
@@ -274,7 +275,7 @@ void defEffects(py::module_& module) {
       "tries those with `opt_in` only if the user "
       "names them. `surroundings`: where a craft must be for the effect to act: any, floor, lift (a floor, "
       "with "
-      "a lift fan) or water.");
+      "a lift fan) or water. `contains`: an effect that it equals at some parameters.");
 }
 
 void defSimulation(py::module_& module) {

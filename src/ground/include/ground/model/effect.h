@@ -34,6 +34,9 @@ struct ParameterInfo {
   /// Typical size of the effect's coordinate on the given craft; solvers scale by it.
   std::function<double(const Body<double>&)> scale = nullptr;
   Coordinate coordinate = Coordinate::kValue;
+  /// It does nothing where the effect's other parameters are neutral, such as the time constant of a share
+  /// that is 0. A fit begins at its `neutral`.
+  bool shape = false;
 
   double toCoordinate(double value) const;
   double fromCoordinate(double coordinate) const;
@@ -69,6 +72,9 @@ struct EffectInfo {
   /// neutral coordinates x0. An empty function means no prior.
   std::function<Eigen::MatrixXd(const Body<double>&)> penalty = nullptr;
   Surroundings surroundings = Surroundings::kAny;
+  /// Name of an effect that this one equals at some parameters: it has to be as much likelier than that one
+  /// as another effect beside it.
+  std::string contains = {};
 
   int stateCount(int thrusters) const { return states + thrusters * states_per_thruster; }
   /// The effect of crafts in such surroundings.

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Callable, Dict, Iterator, List, Optional, Sequence
 
 import yaml
@@ -21,6 +21,7 @@ class Candidate:
 
     name: str
     add: Callable[[_core.Model], _core.Model]  # returns a copy with the effect
+    contains: str = ""  # an effect that it equals at some parameters
 
     def neutral(self, model: _core.Model) -> _core.Model:
         """The model with the effect, at the parameters at which it does nothing."""
@@ -84,7 +85,7 @@ def library(model: _core.Model, wanted: Sequence[str] = ()) -> List[Candidate]:
     in `wanted`."""
     suitable = ("any", "water") if model.hull_length > 0 else ("any", "floor", "lift")
     return [
-        of_library(name)
+        replace(of_library(name), contains=effect["contains"])
         for name, effect in effects(model).items()
         if name not in model.effects
         if name in wanted or (effect["surroundings"] in suitable and not effect["opt_in"])
@@ -140,6 +141,11 @@ def turned(model: _core.Model, free: Sequence[str]) -> Iterator[_core.Model]:
 def parameters_of(model: _core.Model, effect: str) -> List[Document]:
     """Descriptions of an effect's parameters in a model that has it."""
     return [p for p in model.parameters() if p["name"].split(".")[0] == effect]
+
+
+def seen_alone(model: _core.Model, effect: str) -> List[Document]:
+    """Those of an effect's parameters that do something where the effect's others are neutral."""
+    return [p for p in parameters_of(model, effect) if not p["shape"]]
 
 
 def values(model: _core.Model) -> Dict[str, float]:

@@ -52,8 +52,8 @@ class Fit:
     def ratio_without(self, effect: str) -> float:
         """Log-likelihood ratio 2 (L1 - L0) to the model without an effect, by the information
         (Wald)."""
-        at = [i for i, name in enumerate(self.free) if name.split(".")[0] == effect]
-        described = {p["name"]: p for p in self.model.parameters()}
+        described = {p["name"]: p for p in self.model.parameters() if not p["shape"]}
+        at = [i for i, name in enumerate(self.free) if name.split(".")[0] == effect and name in described]
         own = [described[self.free[i]] for i in at]
         away = np.array([step(p, p["neutral"], self.model.value(p["name"])) for p in own])
         covariance = np.linalg.pinv(self.information, rcond=1e-10, hermitian=True)[np.ix_(at, at)]

@@ -13,7 +13,8 @@ UNSEEN = 0.003  # an effect is unseen if the fitted parameters leave less of its
 
 
 class ScoreTests:
-    """Score tests of effects that a fit does not have, at their neutral parameters.
+    """Score tests of effects that a fit does not have, at their neutral parameters. Those that do nothing
+    there (`shape`) stay.
 
     With scores s and information A of the fitted (n) and the tested (t) parameters, the fitted ones
     are projected out: s = s_t - A_tn A_nn^-1 s_n and A = A_tt - A_tn A_nn^-1 A_nt. The expected
@@ -25,7 +26,7 @@ class ScoreTests:
         for candidate in candidates:
             extended = candidate.neutral(extended)
         nuisance = list(fit.free)
-        described = {c.name: effects.parameters_of(extended, c.name) for c in candidates}
+        described = {c.name: effects.seen_alone(extended, c.name) for c in candidates}
         names = [p["name"] for c in candidates for p in described[c.name]]
         found = likelihood.scores(fit, extended, nuisance + names)
         self.extended = extended
@@ -72,9 +73,11 @@ class ScoreTests:
     def estimates(self, model: _core.Model, name: str, step: Mapping[str, float]) -> List[Document]:
         """Parameters of an effect after the step of its score test: dictionaries as of a fit."""
         found: List[Document] = []
-        for i, p in zip(self.columns[name], effects.parameters_of(model, name)):
+        seen = dict(zip((self.names[i] for i in self.columns[name]), self.columns[name]))
+        for p in effects.parameters_of(model, name):
+            i = seen.get(p["name"])
             value = moved(p, p["neutral"], step.get(p["name"], 0.0))
-            identified = self.information[i, i] > 0 and self.seen(name) > UNSEEN
+            identified = i is not None and self.information[i, i] > 0 and self.seen(name) > UNSEEN
             spread = self.scale[i] / np.sqrt(self.information[i, i]) if identified else np.inf
             ends = [moved(p, value, x * 1.96 * spread) for x in (-1, 1)] if identified else None
             ci95 = (min(ends), max(ends)) if ends else (p["lower"], p["upper"])

@@ -107,8 +107,12 @@ class Search:
         return self.tests[fit]
 
     def threshold(self, name: str) -> float:
-        """Log-likelihood ratio that an effect has to reach."""
-        return self._threshold(self._size(name))
+        """Log-likelihood ratio that an effect has to reach. One that contains another one has to earn its
+        place beside that one."""
+        size, inner = self._size(name), self.candidates[name].contains
+        if inner in self.candidates:
+            return self._threshold(self._size(inner)) + self._threshold(size - self._size(inner))
+        return self._threshold(size)
 
     def _threshold(self, size: int) -> float:
         if size not in self._thresholds:

@@ -84,7 +84,9 @@ class SimulationSearch:
         better = [name for name in names if self._helps(base | {name}, base)]
         if not better:
             return None
-        return min(better, key=lambda name: float(self.fits[base | {name}].heldout.sum()))
+        best = min(better, key=lambda name: float(self.fits[base | {name}].heldout.sum()))
+        inner = self.candidates[best].contains
+        return inner if inner in better and not self._helps(base | {best}, base | {inner}) else best
 
     def _error(self, base: FrozenSet[str], name: str) -> float:
         """Error of a quick fit to all windows with another effect; infinite where a motion is not finite."""

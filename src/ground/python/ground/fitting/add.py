@@ -221,7 +221,7 @@ def _result(
         parameters,
     )
     several = len(seen.data) > 1
-    own = candidates.parameters_of(after.model, effect)
+    own = candidates.seen_alone(after.model, effect)
     sizes = np.array([w.last - w.first + 1 for w in chosen])  # as the errors weigh windows
     runs = np.array([w.run for w in chosen])
     interval = distributions.ratio_of_means(after.by_window, before.by_window, sizes, runs)

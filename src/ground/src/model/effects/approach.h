@@ -56,12 +56,26 @@ Remains<T> ramp(const T& time, const T& h) {
   return choose(time > h, whole, part);
 }
 
+/// A state that moves to a target, at the three nodes of a step. Moves it to the end.
+template <typename T>
+std::array<T, 3> moving(const T& target, const Remains<T>& left, T& state) {
+  const T difference = state - target;
+  state = target + difference * left[3];
+  return {T(target + difference * left[0]), T(target + difference * left[1]),
+          T(target + difference * left[2])};
+}
+
 /// Moves channel i, which is at `state`, over a step.
 template <typename T>
 void approach(const T& command, const Remains<T>& left, int i, T& state, StepInputs<T>& inputs) {
-  const T difference = state - command;
-  for (std::size_t node = 0; node < 3; ++node) inputs.thrusters[node](i) = command + difference * left[node];
-  state = command + difference * left[3];
+  const std::array<T, 3> at = moving(command, left, state);
+  for (std::size_t node = 0; node < 3; ++node) inputs.thrusters[node](i) = at[node];
+}
+
+/// Takes a part of a load that channel i follows from its input.
+template <typename T>
+void weaken(const T& part, const std::array<T, 3>& load, int i, StepInputs<T>& inputs) {
+  for (std::size_t node = 0; node < 3; ++node) inputs.thrusters[node](i) *= T(1.0 - part * load[node]);
 }
 
 /// What is commanded to channel i over a step, which an earlier actuator may have changed: its mean.
@@ -69,6 +83,14 @@ template <typename T>
 T commanded(const StepInputs<T>& inputs, int i) {
   const auto& at = inputs.thrusters;
   return at[0](i) + (4.0 * (at[1](i) - at[0](i)) + (at[2](i) - at[0](i))) * (1.0 / 6);
+}
+
+/// Moves channel i over a step with one lag where its input rises, away from 0, and another where it falls. A
+/// step in which the input changes its sign keeps the lag with which it began.
+template <typename T>
+void riseOrFall(const Remains<T>& rising, const Remains<T>& falling, int i, T& state, StepInputs<T>& inputs) {
+  const T command = commanded(inputs, i);
+  approach(command, select(state * (command - state) < 0.0, falling, rising), i, state, inputs);
 }
 
 }  // namespace ground

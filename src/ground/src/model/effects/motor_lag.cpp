@@ -21,7 +21,7 @@ struct MotorLag {
   static void actuate(const T* p, const T& h, T* states, StepInputs<T>& inputs) {
     const Remains<T> left = decay(p[0], h);
     for (int i = 0; i < inputs.thrusters[0].size(); ++i)
-      if (!inputs.isAngle(i)) approach(T(inputs.thrusters[0](i)), left, i, states[i], inputs);
+      if (!inputs.isAngle(i)) approach(commanded(inputs, i), left, i, states[i], inputs);
   }
 };
 GROUND_REGISTER_EFFECT(MotorLag)

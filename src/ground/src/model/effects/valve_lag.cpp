@@ -20,11 +20,8 @@ struct ValveLag {
   template <typename T>
   static void actuate(const T* p, const T& h, T* states, StepInputs<T>& inputs) {
     const Remains<T> opening = decay(p[0], h), closing = decay(p[1], h);
-    for (int i = 0; i < inputs.thrusters[0].size(); ++i) {
-      if (!(*inputs.layout)[i].on_off) continue;
-      const T command = commanded(inputs, i);
-      approach(command, select(command < states[i], closing, opening), i, states[i], inputs);
-    }
+    for (int i = 0; i < inputs.thrusters[0].size(); ++i)
+      if ((*inputs.layout)[i].on_off) riseOrFall(opening, closing, i, states[i], inputs);
   }
 };
 GROUND_REGISTER_EFFECT(ValveLag)
