@@ -147,3 +147,44 @@ effects: []
     sampled = SimpleNamespace(values={"u_bow": np.ones(3), "u_turn": angle}, times=np.arange(3.0))
     found = dictionary._directions(model, sampled)["thrust_bow"]
     assert found == pytest.approx(np.array([[1, 0, 0], [0, 1, 0.4], [0, -1, -0.4]]), abs=1e-9)
+
+
+def exact(times, command, rate):
+    """Mean of w between times, dw/dt = rate(u, w), by steps of 20 us; command: (time, u) changes."""
+    step, w, means = 2e-5, 0.0, []
+    for begin, end in zip(times[:-1], times[1:]):
+        grid = begin + step * (0.5 + np.arange(round((end - begin) / step)))
+        seen = []
+        for now in grid:
+            u = [value for at, value in command if at <= now]
+            w = rate(u[-1] if u else 0.0, w, step)
+            seen.append(w)
+        means.append(np.mean(seen))
+    return np.array(means)
+
+
+@pytest.mark.parametrize(
+    "effect, parameters, rate",
+    [
+        ("motor_lag", {"tau": 0.08}, lambda u, w, h: w + h * (u - w) / 0.08),
+        ("motor_rise_fall", {"rise": 0.1, "fall": 0.03},
+         lambda u, w, h: w + h * (u - w) / (0.1 if u > w else 0.03)),
+        ("motor_rate", {"rate": 4.0}, lambda u, w, h: w + np.clip(u - w, -4.0 * h, 4.0 * h)),
+    ],
+)  # fmt: skip
+def test_what_reaches_the_thrusters_is_what_the_actuators_make_of_commands(effect, parameters, rate):
+    """Formulas of what is left depend on it, whichever actuators the model has."""
+    model = _core.load_model(str(MODEL))
+    model.add_effect(effect)
+    model.add_effect("input_delay")
+    model.set_value("input_delay.delay", 0.03)
+    for name, value in parameters.items():
+        model.set_value("%s.%s" % (effect, name), value)
+    rows = np.array([[0.0, 0, 0, 1], [0.1, 0.8, 0, 1], [0.33, 0.2, 0, 1], [0.5, 1.0, 0, 0]])
+    times = np.arange(0, 0.9, 0.02)
+    found = _core.mean_inputs(model, rows, times)
+    wanted = exact(times, [(at + 0.03, left) for at, left in rows[:, :2]], rate)
+    assert np.abs(found[:, 0] - wanted).max() < 2e-3 and np.abs(found[:, 1]).max() == 0
+    assert found[-1, -1] == 0 and found[5, -1] == 1
+    later = _core.mean_inputs(model, rows, times[20:])  # earlier commands have settled the actuators
+    assert np.abs(later - found[20:]).max() < 1e-3

@@ -164,4 +164,33 @@ RigidState<T> Simulation<T>::derivative() const {
 template class Simulation<double>;
 template class Simulation<Jet>;
 
+Eigen::MatrixXd meanInputs(const Dynamics<double>& dynamics, const InputSequence& inputs,
+                           const std::vector<double>& times) {
+  dynamics.requireThrusters(inputs.thruster_count);
+  const int count = inputs.thruster_count;
+  Eigen::MatrixXd means = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(times.size()) - 1, count + 1);
+  Stepping stepping(inputs, times.front(), dynamics.inputDelay(), false, kDefaultStep);
+  std::vector<double> states = dynamics.initialStates();
+  for (const Stepping::Held& held : stepping.before(dynamics.settling()))
+    dynamics.settle(held.t, {}, inputs.thrusters[held.command],
+                    {inputs.lift[held.command], inputs.battery.at(held.time)}, held.duration, states.data());
+  Stretch stretch;
+  for (Eigen::Index i = 0; i < means.rows(); ++i) {
+    const double from = stepping.time(), to = times[static_cast<std::size_t>(i) + 1];
+    while (stepping.next(to, stretch)) {
+      const Conditions<double> given = stepping.conditionsAt(stepping.time());
+      for (int step = 0; step < stretch.steps; ++step) {
+        const StepInputs<double> acting =
+            dynamics.actuate(stepping.thrusters(), given, stretch.h, states.data());
+        const auto& at = acting.thrusters;
+        for (int c = 0; c < count; ++c)
+          means(i, c) += stretch.h * (acting.held ? at[0](c) : (at[0](c) + 4 * at[1](c) + at[2](c)) / 6);
+        means(i, count) += stretch.h * stepping.lift();
+      }
+    }
+    if (to > from) means.row(i) /= to - from;
+  }
+  return means;
+}
+
 }  // namespace ground

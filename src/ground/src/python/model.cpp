@@ -120,6 +120,15 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
   return py::dict("eta"_a = eta_out, "nu"_a = nu_out);
 }
 
+Eigen::MatrixXd meanInputsOf(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
+                             const std::vector<double>& times) {
+  if (times.size() < 2) throw std::invalid_argument("means need two times");
+  requireFinite(asColumn(times), "a time");
+  const InputSequence inputs = toInputs(rows, {});
+  const py::gil_scoped_release release;
+  return meanInputs(Dynamics<double>(model), inputs, times);
+}
+
 void defProvenance(py::module_& module) {
   py::class_<Provenance>(module, "Provenance")
       .def(py::init<>())
@@ -289,6 +298,9 @@ void defSimulation(py::module_& module) {
              "follow from the lift. `wrench`: additional X, Y [N], N [N m], each row until the next time; "
              "none by default. `room`: additional force x, y [N] along the axes of the room (world_ned). "
              "`payload`: what the craft carries. `battery`: rows of time [s], voltage [V].");
+  module.def("mean_inputs", &meanInputsOf, "model"_a, "inputs"_a, "times"_a,
+             "Means of what reaches the craft between ascending `times` [s]: thruster inputs after the "
+             "actuators of the model, late by its delay, and the lift, a row for each interval.");
   module.def("drive_starts", &driveStarts, "times"_a, "lift"_a, "records"_a = py::none(),
              "Starts of drives [s], the origins of the model's t, from commands in order of time "
              "and from records (k, 2): began and as_of, in order. Empty without any lift.");

@@ -68,4 +68,9 @@ class Simulation {
 extern template class Simulation<double>;
 extern template class Simulation<Jet>;
 
+/// Means of what reaches the craft between ascending times [s], which the motion does not change: thruster
+/// inputs after the actuators, and the lift, a row for each interval.
+Eigen::MatrixXd meanInputs(const Dynamics<double>& dynamics, const InputSequence& inputs,
+                           const std::vector<double>& times);
+
 }  // namespace ground

@@ -11,7 +11,7 @@ from typing import Any, Dict, List, Mapping, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Fit, Likelihood, call
 from ground.recordings import headings, scatter, windows
 from ground.support.annotations import Array
 
@@ -140,23 +140,9 @@ def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
 
 def _reaching(run: _core.RunData, model: _core.Model, times: Array) -> Array:
     """Mean inputs of the thrusters and lift, as they reach the craft, from each sample to the next
-    (n, inputs +
-    1)."""
-    rows = np.array(run.inputs)
-    at, values = rows[:, 0], rows[:, 1:]
-    if "input_delay" in model.effects:
-        at = at + model.value("input_delay.delay")
-    whole = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[:-1] * np.diff(at)[:, None], axis=0)])
-
-    def integral(t: Array) -> Array:
-        i = np.clip(np.searchsorted(at, t, side="right") - 1, 0, len(at) - 1)
-        return np.where((t >= at[0])[:, None], whole[i] + values[i] * (t - at[i])[:, None], 0.0)
-
+    (n, inputs + 1)."""
     edges = np.append(times, times[-1] + scatter.interval(times))
-    means = np.diff(integral(edges), axis=0) / np.maximum(np.diff(edges), 1e-9)[:, None]
-    if "motor_lag" in model.effects:
-        means[:, :-1] = past(times, means[:, :-1], model.value("motor_lag.tau"))
-    return np.asarray(means)
+    return np.array(call(_core.mean_inputs, model, np.array(run.inputs), edges))
 
 
 def past(times: Array, values: Array, memory: float) -> Array:
