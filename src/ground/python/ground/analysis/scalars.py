@@ -27,6 +27,7 @@ MOST_OF = 3.5  # standard deviations that hold most of the values
 BELLS = 150  # centres of bells of one size
 STEPS = (0.1, 0.25, 0.5, 0.75, 0.9)  # quantiles of a variable at which a step may be
 SHARP = 0.15  # width of a step, in standard deviations of its variable
+NUMBER = "%.6g"  # a constant in a formula
 REACH = 2.0  # longest part of the extent, or of the time, that a bell covers: 1 / REACH
 
 
@@ -81,8 +82,13 @@ class Scalar:
 
 def filled(template: str, constants: Mapping[str, Constant]) -> str:
     """A formula with the values of its constants."""
-    values = {name: "%.6g" % c.value for name, c in constants.items()}
+    values = {name: NUMBER % c.value for name, c in constants.items()}
     return template.format(**{n: "(%s)" % v if v[0] == "-" else v for n, v in values.items()})
+
+
+def written(constant: Constant) -> float:
+    """The value of a constant as formulas have it."""
+    return float(NUMBER % constant.value)
 
 
 def product_of_units(units: Sequence[str]) -> str:

@@ -9,7 +9,7 @@ multiplied with a third scalar, and screened again.
 """
 
 from dataclasses import replace
-from typing import Any, List, NamedTuple, Sequence
+from typing import Any, Dict, List, NamedTuple, Sequence
 
 import numpy as np
 
@@ -20,12 +20,13 @@ from ground.analysis.dictionary import Feature, product
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.regression import LEVEL, Regression
 from ground.analysis.samples import Samples, Scales, evaluated, namespace
-from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
+from ground.analysis.scalars import ONE, Scalar, product_of_units, written
 from ground.recordings import scatter, windows
 from ground.support.annotations import Array, Indices
 
 BIN = 1 / 30  # samples that are taken together [windows]
 RANDOM = 8  # draws of innovations that give the variance of a score
+TOGETHER = 500  # products of one form that are computed together
 KEPT = 120  # products that are tested exactly
 KEPT_OF_ONE = 30  # ... of them on one channel
 LENGTHENED = 40  # best products of two that are multiplied with a third
@@ -92,7 +93,7 @@ class _Screen:
         ONE. of: number of others that each wide scalar was chosen from."""
         units = [product(channel, []) for channel in acting]
         directions = np.concatenate([dictionary.wrenches(units, self.model, s) for s in self.sampled])
-        P = _values(wide, self.sampled, self.middles).astype(np.float32)
+        P = _values(wide, self.sampled, self.middles)
         Q = self._binned(_values(narrow, self.sampled, slice(None))).transpose(0, 2, 1)
         singles = len(acting) * len(wide) * of
         pairs, found = singles * (len(narrow) - 1), []
@@ -147,16 +148,29 @@ def _bins(sampled: Sequence[Samples], width: float) -> Indices:
 
 
 def _values(of: Sequence[Scalar], sampled: Sequence[Samples], at: Any) -> Array:
-    """Scalars (n, k) at some samples of all runs, over their root mean squares."""
+    """Scalars (n, k) at some samples of all runs, over their root mean squares. Those of one form, which differ
+    in their constants, are computed together."""
     spaces = [namespace(s) for s in sampled]
     known = {
         name: np.concatenate([space[name] for space in spaces])[at] if np.ndim(value) else value
         for name, value in spaces[0].items()
     }
-    values = np.empty((len(known["t"]), len(of)))
+    variables = {name: value[:, None] if np.ndim(value) else value for name, value in known.items()}
+    values = np.empty((len(known["t"]), len(of)), np.float32)
+    by_text: Dict[str, List[int]] = {}
     for k, scalar in enumerate(of):
-        values[:, k] = evaluated(filled(scalar.text, scalar.constants), known)
-    return np.asarray(values / np.maximum(np.sqrt((values**2).mean(axis=0)), 1e-300))
+        by_text.setdefault(scalar.text, []).append(k)
+    for text, alike in by_text.items():
+        for first in range(0, len(alike), TOGETHER):
+            columns = alike[first : first + TOGETHER]
+            names = {name: "constant_" + name for name in of[columns[0]].constants}
+            constants = {
+                own: np.array([written(of[k].constants[name]) for k in columns])
+                for name, own in names.items()
+            }
+            found = evaluated(text.format(**names), {**variables, **constants})
+            values[:, columns] = found / np.maximum(np.sqrt((found**2).mean(axis=0)), 1e-300)
+    return values
 
 
 def refined(regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> Regression:
