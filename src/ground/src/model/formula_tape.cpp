@@ -40,10 +40,9 @@ int FormulaTape::push(const Step& step) {
 }
 
 int FormulaTape::push(const Operation& operation, const std::vector<int>& arguments) {
-  static const std::map<std::string, Kind> kinds = {{"constant", Kind::kNumber}, {"symbol", Kind::kVariable},
-                                                    {"+", Kind::kPlus},          {"-", Kind::kMinus},
-                                                    {"*", Kind::kTimes},         {"/", Kind::kOver},
-                                                    {"sin", Kind::kSin},         {"cos", Kind::kCos}};
+  static const std::map<std::string, Kind> kinds = {
+      {"constant", Kind::kNumber}, {"symbol", Kind::kVariable}, {"+", Kind::kPlus},  {"-", Kind::kMinus},
+      {"*", Kind::kTimes},         {"/", Kind::kOver},          {"sin", Kind::kSin}, {"cos", Kind::kCos}};
   const auto kind = kinds.find(operation.name);
   Step step{kind == kinds.end() ? Kind::kFunction : kind->second, static_cast<int>(arguments.size())};
   std::copy(arguments.begin(), arguments.end(), step.arguments);
@@ -68,14 +67,16 @@ int FormulaTape::push(const Operation& operation, const std::vector<int>& argume
 
 /// Null for functions that are constant almost everywhere.
 FormulaTape::Slopes FormulaTape::slopesOf(const std::string& name) {
-#define GROUND_SLOPES(...)                                                                                    \
-  []([[maybe_unused]] const double* x, [[maybe_unused]] double y, double* slopes) {                                            \
-    const double each[] = {__VA_ARGS__};                                                                      \
-    std::copy(std::begin(each), std::end(each), slopes);                                                      \
+#define GROUND_SLOPES(...)                                                          \
+  []([[maybe_unused]] const double* x, [[maybe_unused]] double y, double* slopes) { \
+    const double each[] = {__VA_ARGS__};                                            \
+    std::copy(std::begin(each), std::end(each), slopes);                            \
   }
   static const std::map<std::string, Slopes> all = {
       {"neg", GROUND_SLOPES(-1.0)},
-      {"abs", GROUND_SLOPES(x[0] < 0 ? -1.0 : x[0] > 0 ? 1.0 : 0.0)},
+      {"abs", GROUND_SLOPES(x[0] < 0   ? -1.0
+                            : x[0] > 0 ? 1.0
+                                       : 0.0)},
       {"sqrt", GROUND_SLOPES(0.5 / y)},
       {"exp", GROUND_SLOPES(y)},
       {"log", GROUND_SLOPES(1 / x[0])},

@@ -13,8 +13,8 @@ namespace ground {
 /// exact; where a finite value has none, as a square root at 0, it is 0.
 class FormulaTape {
  public:
-  /// variables: all names of each. An empty formula is none. Throws std::invalid_argument if one has something
-  /// that cannot be written down.
+  /// variables: all names of each. An empty formula is none. Throws std::invalid_argument if one has
+  /// something that cannot be written down.
   FormulaTape(const std::vector<std::string>& formulas,
               const std::vector<std::vector<std::string>>& variables);
 
@@ -36,7 +36,7 @@ class FormulaTape {
 
   struct Step {
     Kind kind;
-    int count = 0;              ///< of arguments; the number of a variable
+    int count = 0;                 ///< of arguments; the number of a variable
     int arguments[3] = {0, 0, 0};  ///< earlier steps
     double number = 0;
     Trace::Function value = nullptr;
@@ -49,15 +49,33 @@ class FormulaTape {
     using std::cos;
     using std::sin;
     switch (step.kind) {
-      case Kind::kNumber: out = T(step.number); break;
-      case Kind::kVariable: out = argument(step.count); break;
-      case Kind::kPlus: out = a + b; break;
-      case Kind::kMinus: out = a - b; break;
-      case Kind::kTimes: out = a * b; break;
-      case Kind::kOver: out = a / b; break;
-      case Kind::kSin: out = sin(a); break;
-      case Kind::kCos: out = cos(a); break;
-      case Kind::kFunction: out = call(step, values); break;
+      case Kind::kNumber:
+        out = T(step.number);
+        break;
+      case Kind::kVariable:
+        out = argument(step.count);
+        break;
+      case Kind::kPlus:
+        out = a + b;
+        break;
+      case Kind::kMinus:
+        out = a - b;
+        break;
+      case Kind::kTimes:
+        out = a * b;
+        break;
+      case Kind::kOver:
+        out = a / b;
+        break;
+      case Kind::kSin:
+        out = sin(a);
+        break;
+      case Kind::kCos:
+        out = cos(a);
+        break;
+      case Kind::kFunction:
+        out = call(step, values);
+        break;
     }
   }
   template <typename T>

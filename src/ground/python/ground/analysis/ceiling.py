@@ -199,9 +199,7 @@ def _share(worse: Array, better: Array, whole: Array) -> Share:
     return Share(value, value - DEVIATIONS * deviation, min(1.0, value + DEVIATIONS * deviation))
 
 
-def _rounds(
-    first: Regression, sampled: Sequence[Samples], least_gain: float = LEAST_GAIN
-) -> Optional[Found]:
+def _rounds(first: Regression, sampled: Sequence[Samples], least_gain: float = LEAST_GAIN) -> Optional[Found]:
     """What was found in the last round that was kept. sampled: of each run; least_gain: of its fits."""
     likelihood, near = first.likelihood, first.fit
     best: Optional[Found] = None

@@ -398,12 +398,12 @@ def waves(scales: Scales, x: Array, y: Array) -> List[Scalar]:
     most = 2 * np.pi / max(CROSSED * scales.time_scale * scales.speed, 1e-9)
     reach = int(min(most / cell, np.sqrt(2 * WAVES / np.pi) + 2))  # WAVES are in a half disc of this radius
     side = np.arange(-reach, reach + 1)
-    grid = [(i * cell, j * cell) for i, j in itertools.product(side, side) if (i, j) > (0, 0)]
-    grid = sorted((k for k in grid if np.hypot(*k) <= most), key=lambda k: float(np.hypot(*k)))[:WAVES]
-    return [
-        Scalar("sin({kx}*x+{ky}*y+{p2})", "-", frozenset([PLACE]), {
-            "kx": Constant(kx, "rad/m", cell), "ky": Constant(ky, "rad/m", cell), "p2": phase,
-        })
-        for kx, ky in grid
-        for phase in PHASES.values()
-    ]  # fmt: skip
+    pairs = [(i, j) for i, j in itertools.product(side, side) if (i, j) > (0, 0)]
+    grid = cell * np.array(pairs, float).reshape(-1, 2)
+    size, arguments, found = np.hypot(*grid.T), frozenset([PLACE]), []
+    order = np.argsort(size, kind="stable")
+    for kx, ky in grid[order[size[order] <= most][:WAVES]].tolist():
+        vector = {"kx": Constant(kx, "rad/m", cell), "ky": Constant(ky, "rad/m", cell)}
+        for phase in PHASES.values():
+            found.append(Scalar("sin({kx}*x+{ky}*y+{p2})", "-", arguments, {**vector, "p2": phase}))
+    return found

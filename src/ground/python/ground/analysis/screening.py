@@ -148,8 +148,7 @@ def _bins(sampled: Sequence[Samples], width: float) -> Indices:
 
 
 def _values(of: Sequence[Scalar], sampled: Sequence[Samples], at: Any) -> Array:
-    """Scalars (n, k) at some samples of all runs, over their root mean squares. Those of one form, which differ
-    in their constants, are computed together."""
+    """Scalars (n, k) at some samples of all runs, each over its root mean square; alike ones together."""
     spaces = [namespace(s) for s in sampled]
     known = {
         name: np.concatenate([space[name] for space in spaces])[at] if np.ndim(value) else value
