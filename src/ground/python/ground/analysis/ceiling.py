@@ -19,8 +19,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import dictionary, samples
 from ground.analysis.folds import excerpt
-from ground.analysis.likelihood import LEAST_GAIN, Fit, Likelihood
-from ground.analysis.refits import COARSE
+from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Samples, Scales
 from ground.analysis.scalars import ARGUMENTS, PAST
@@ -170,7 +169,7 @@ def found_beside(
 ) -> Optional[Found]:
     """What the innovations of a Fit depend on, without its shares."""
     likelihood, fit, _, _ = excerpt(likelihood, fit, runs, cut)
-    return _rounds(*_first(likelihood, fit), COARSE)
+    return _rounds(*_first(likelihood, fit))
 
 
 def _first(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, List[Samples]]:
@@ -199,8 +198,8 @@ def _share(worse: Array, better: Array, whole: Array) -> Share:
     return Share(value, value - DEVIATIONS * deviation, min(1.0, value + DEVIATIONS * deviation))
 
 
-def _rounds(first: Regression, sampled: Sequence[Samples], least_gain: float = LEAST_GAIN) -> Optional[Found]:
-    """What was found in the last round that was kept. sampled: of each run; least_gain: of its fits."""
+def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
+    """What was found in the last round that was kept. sampled: of each run."""
     likelihood, near = first.likelihood, first.fit
     best: Optional[Found] = None
     regression, screen = first, Screen(likelihood, near.model, sampled)
@@ -218,8 +217,7 @@ def _rounds(first: Regression, sampled: Sequence[Samples], least_gain: float = L
             likelihood.threads,
         )
         try:
-            known = replace(near, loudness=())
-            refitted = current.fit(near.model, near.free, near=known, least_gain=least_gain)
+            refitted = current.fit(near.model, near.free, near=replace(near, loudness=()))
         except GroundError:
             break
         rise = refitted.log_posterior - near.log_posterior

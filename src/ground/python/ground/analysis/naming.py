@@ -15,8 +15,7 @@ from ground.analysis import candidates, formula_words
 from ground.analysis.dictionary import Feature, dependence
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.formula_words import Piece
-from ground.analysis.likelihood import LEAST_GAIN, Fit, Likelihood
-from ground.analysis.refits import COARSE
+from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import LEVEL, Regression, Term
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
@@ -97,17 +96,9 @@ def _of_pieces(
     """The Formula of those pieces that earn their place, in their simplest form that is as likely; begun: a
     shorter one, whose form is kept."""
     made = _fitted(likelihood, fit, pieces, begun.fit if begun else fit)
-    if made is None or not shows(made):
+    if made is not None and not shows(made):
         return None
-    made = _shortened(likelihood, fit, made)
-    if not begun:
-        made = _simplified(likelihood, fit, made)
-    return _fitted(likelihood, fit, made.pieces, made.fit, LEAST_GAIN)
-
-
-def _shortened(likelihood: Likelihood, fit: Fit, made: Formula) -> Formula:
-    """A Formula without the pieces that do not earn their place."""
-    while len(made.pieces) > 1:
+    while made is not None and len(made.pieces) > 1:
         worth = [_worth(made.fit, piece) for piece in made.pieces]
         if min(worth) > MIN_RATIO:
             break
@@ -116,11 +107,8 @@ def _shortened(likelihood: Likelihood, fit: Fit, made: Formula) -> Formula:
         if shorter is None or made.ratio - shorter.ratio > MIN_RATIO:
             break
         made = shorter
-    return made
-
-
-def _simplified(likelihood: Likelihood, fit: Fit, made: Formula) -> Formula:
-    """A Formula with the simplest form of each piece that is as likely."""
+    if made is None or begun:
+        return made
     for i, piece in enumerate(made.pieces):
         for simpler in piece.simpler:
             pieces = [*made.pieces[:i], simpler, *made.pieces[i + 1 :]]
@@ -173,24 +161,20 @@ def _piece(feature: Feature, size: float, number: int) -> Piece:
 # The formula in the model
 
 
-def _fitted(
-    likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit, least_gain: float = COARSE
-) -> Optional[Formula]:
-    """The Formula of pieces, fitted in the model of a Fit, from the values and levels of another one near;
-    None where that fails or helps nothing. It ends early unless least_gain is less."""
+def _fitted(likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit) -> Optional[Formula]:
+    """The Formula of pieces, fitted in the model of a Fit, from the levels of another one near; None where
+    that fails or helps nothing."""
     values: Dict[str, float] = {}
     entry = _entry(pieces, fit)
     model = fit.model
     try:
         start = candidates.from_entry(entry, "the formula", model).neutral(model)
-        for name in fit.free:
-            start.set_value(name, near.model.value(name))
         for piece in pieces:
             for name, (value, _, _, _) in piece.parameters.items():
                 values[name] = value
                 start.set_value("%s.%s" % (entry["name"], name), value)
         free = tuple("%s.%s" % (entry["name"], name) for name in values)
-        fitted = likelihood.fit(start, fit.free + free, near=near, least_gain=least_gain)
+        fitted = likelihood.fit(start, fit.free + free, near=near)
         if not np.isfinite(fitted.log_posterior):
             return None
     except GroundError:
