@@ -350,19 +350,14 @@ def test_a_pair_of_the_screen_is_multiplied_by_its_best_product(turning, monkeyp
     sampled = [samples.of_run(likelihood, fit, i) for i in range(3)]
     asked = []
 
-    class Screen:
-        """Finds one pair in its third search, a better one and a worse one that was chosen from more."""
+    def best(self, model, draws, acting, wide, values, narrow, of=1):
+        """Finds one pair in the third search, a better one and a worse one that was chosen from more."""
+        asked.append(of)
+        found = [(9.0, 100), (3.0, 9000)] if len(asked) == 3 else []
+        return [screening.Product(*one, acting[0], wide[0], narrow.scalars[1]) for one in found]
 
-        def __init__(self, *given):
-            pass
-
-        def best(self, acting, wide, narrow, of=1):
-            asked.append(of)
-            found = [(9.0, 100), (3.0, 9000)] if len(asked) == 3 else []
-            return [screening.Product(*one, acting[0], wide[0], narrow[1]) for one in found]
-
-    monkeypatch.setattr(screening, "_Screen", Screen)
-    screening.screened(left.found.regression, fit.model, sampled)
+    monkeypatch.setattr(screening.Screen, "_best", best)
+    screening.Screen(likelihood, fit.model, sampled).screened(left.found.regression, fit.model)
     assert asked == [1, 1, 1, 100]
 
 

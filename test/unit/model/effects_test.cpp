@@ -404,6 +404,70 @@ TEST(ExpressionEffect, EqualsTheFormulaAndItsDerivatives) {
   }
 }
 
+TEST(ExpressionEffect, DerivativesOfAllFunctionsAreExact) {
+  for (const std::string formula : {"u*v-r/(2+u)",
+                                    "-u^2+v^3*r^4",
+                                    "u^5",
+                                    "u^1.5",
+                                    "u^v",
+                                    "abs(-u)",
+                                    "sign(v)*u",
+                                    "sqrt(u)",
+                                    "exp(u)",
+                                    "ln(u)",
+                                    "log2(2+u)+log10(2+v)",
+                                    "sin(2*u)*cos(v)",
+                                    "tan(u)",
+                                    "asin(u)+acos(v)",
+                                    "atan(u)",
+                                    "sinh(u)-cosh(v)",
+                                    "tanh(u)",
+                                    "asinh(u)",
+                                    "acosh(3+u)",
+                                    "atanh(u)",
+                                    "rint(u)*v",
+                                    "atan2(u, v)",
+                                    "min(u, v, r)",
+                                    "max(u, v)",
+                                    "sum(u, v)",
+                                    "avg(u, v, r)",
+                                    "u < v ? u*r : v",
+                                    "u > v && r >= 1 ? u : r^2",
+                                    "u == v || u != v ? v : u",
+                                    "_pi*u+_e*v"}) {
+    ExpressionDefinition definition = cubicDamping();
+    definition.N = "c*(" + formula + ")";
+    Model model = tinyWhoover();
+    model.addEffect(makeExpressionEffect(definition));
+    model.setValue("cubic_damping.c", 1.0);
+    RigidState<Jet> state = {};
+    RigidState<double> near = {};
+    for (int i = 0; i < 3; ++i) state.nu(i) = Jet(near.nu(i) = 0.3 + 0.4 * i, i);
+    const Jet exact = Dynamics<Jet>(model).derivative(0.0, state, {0.0, 0.0}, 1.0).nu.z();
+    for (int i = 0; i < 3; ++i) {
+      constexpr double kStep = 1e-6;
+      RigidState<double> up = near, down = near;
+      up.nu(i) += kStep;
+      down.nu(i) -= kStep;
+      const double finite = (acceleration(model, up).nu.z() - acceleration(model, down).nu.z()) / (2 * kStep);
+      EXPECT_NEAR(exact.v[i], finite, 1e-6 * (1 + std::abs(exact.a))) << formula << ", by " << i;
+    }
+  }
+}
+
+TEST(ExpressionEffect, HasNoSlopeWhereAFiniteValueHasNone) {
+  ExpressionDefinition definition = cubicDamping();
+  definition.N = "c*(sqrt(u^2+v^2)*r+abs(u)+sqrt(abs(v)))";
+  Model model = tinyWhoover();
+  model.addEffect(makeExpressionEffect(definition));
+  model.setValue("cubic_damping.c", 1.0);
+  RigidState<Jet> rest = {};
+  for (int i = 0; i < 3; ++i) rest.nu(i) = Jet(0.0, i);
+  const Jet found = Dynamics<Jet>(model).derivative(0.0, rest, {0.0, 0.0}, 1.0).nu.z();
+  EXPECT_EQ(found.v[0], 0.0);
+  EXPECT_EQ(found.v[1], 0.0);
+}
+
 TEST(ExpressionEffect, MayBeWrittenInTheFrameOfTheWorld) {
   ParameterInfo k;
   k.name = "k";

@@ -159,7 +159,7 @@ void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   for (const double value : info.initial) initial_.emplace_back(value);
   initial_.resize(static_cast<std::size_t>(state + info.stateCount(layout_->size())), T(0.0));
   if (isNeutral(info, p)) return;
-  instances_.push_back(entry.effect->forThread());
+  instances_.push_back(entry.effect);
   const Effect& effect = *instances_.back();
   const EffectHooks<T>& hooks = effect;
   const unsigned has = effect.hooks();

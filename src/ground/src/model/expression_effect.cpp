@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <regex>
 #include <set>
 #include <sstream>
@@ -11,24 +12,33 @@
 
 #include "arguments.h"
 #include "formula_symbols.h"
+#include "formula_tape.h"
 #include "ground/model/did_you_mean.h"
 #include "ground/model/shortened.h"
 
 namespace ground {
 namespace {
 
-/// One formula bound to the values of an ExpressionEffect.
+/// One formula of an ExpressionEffect.
 struct Formula {
   std::string what;  ///< "formula X", "state p"
   std::string text;  ///< empty: zero
-  mu::Parser parser;
-  std::vector<int> depends;  ///< indices of the values it uses
+};
+
+/// Those that one hook of the effect computes.
+struct Formulas {
+  std::vector<Formula> each;
+  std::optional<FormulaTape> tape;
+
+  bool any() const {
+    return std::any_of(each.begin(), each.end(), [](const Formula& one) { return !one.text.empty(); });
+  }
 };
 
 class ExpressionEffect final : public Effect {
  public:
   ExpressionEffect(const ExpressionDefinition& definition, const ThrusterLayout& layout)
-      : definition_(definition), layout_(layout), variables_(argumentNames(layout)) {
+      : definition_(definition), variables_(argumentNames(layout)) {
     info_.name = definition.name;
     info_.parameters = definition.parameters;
     for (std::size_t i = 0; i < info_.parameters.size(); ++i) {
@@ -37,17 +47,20 @@ class ExpressionEffect final : public Effect {
     }
     info_.states = static_cast<int>(definition.states.size());
     for (const ExpressionDefinition::State& state : definition.states) info_.initial.push_back(state.initial);
-    values_.resize(static_cast<std::size_t>(firstParameter()) + info_.parameters.size());
+    names_ = variables_;
+    for (const ExpressionDefinition::State& state : definition.states) names_.push_back({state.name});
+    for (const ParameterInfo& parameter : info_.parameters) names_.push_back({parameter.name});
     for (const auto& [name, text] :
          {std::make_pair("X", definition.X), {"Y", definition.Y}, {"N", definition.N}})
-      wrench_.push_back(bound(std::string("formula ") + name, text));
+      wrench_.each.push_back({std::string("formula ") + name, text});
     for (const Thruster& one : layout.thrusters()) {
       const auto found = definition.thrusts.find(one.name);
-      forces_.push_back(
-          bound("formula thrust_" + one.name, found == definition.thrusts.end() ? "" : found->second));
+      forces_.each.push_back(
+          {"formula thrust_" + one.name, found == definition.thrusts.end() ? "" : found->second});
     }
     for (const ExpressionDefinition::State& state : definition.states)
-      rates_.push_back(bound("state " + state.name, state.rate));
+      rates_.each.push_back({"state " + state.name, state.rate});
+    for (Formulas* formulas : {&wrench_, &forces_, &rates_}) prepare(*formulas);
     std::vector<double> neutral;
     for (const ParameterInfo& parameter : info_.parameters) neutral.push_back(parameter.neutral);
     requireFiniteRates(neutral);
@@ -56,27 +69,24 @@ class ExpressionEffect final : public Effect {
 
   const EffectInfo& info() const override { return info_; }
   unsigned hooks() const override {
-    unsigned set = kPose;
-    for (const Formula& formula : wrench_) set |= formula.text.empty() ? 0u : kWrench;
-    for (const Formula& formula : forces_) set |= formula.text.empty() ? 0u : kThrust;
-    return rates_.empty() ? set : set | kRates;
+    return kPose | (wrench_.any() ? kWrench : 0u) | (forces_.any() ? kThrust : 0u) |
+           (rates_.each.empty() ? 0u : kRates);
   }
-  EffectPtr forThread() const override { return std::make_shared<ExpressionEffect>(definition_, layout_); }
   const ExpressionDefinition& definition() const { return definition_; }
 
 #define GROUND_HOOKS_OF(T)                                                                  \
   void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) const override {       \
     Vector3<T> own(T(0.0), T(0.0), T(0.0));                                                 \
-    add(p, point, wrench_.data(), 3, own.data());                                           \
+    add(p, point, wrench_, own.data());                                                     \
     if (definition_.world) own.template head<2>() = point.heading.toBody({own(0), own(1)}); \
     for (int c = 0; c < 3; ++c) wrench(c) += own(c);                                        \
   }                                                                                         \
   void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) const override {      \
-    add(p, point, forces_.data(), force.size(), force.begin());                             \
+    add(p, point, forces_, force.begin());                                                  \
   }                                                                                         \
   void rates(const T* p, const Point<T>& point, T* rates) const override {                  \
     std::fill(rates, rates + info_.states, T(0.0));                                         \
-    add(p, point, rates_.data(), info_.states, rates);                                      \
+    add(p, point, rates_, rates);                                                           \
   }
   GROUND_HOOKS_OF(double)
   GROUND_HOOKS_OF(Jet)
@@ -86,12 +96,9 @@ class ExpressionEffect final : public Effect {
   /// Throws std::invalid_argument if the derivative of a state is not finite at these values of the
   /// parameters.
   void requireFiniteRates(const std::vector<double>& parameters) const {
-    for (int trial = 0; trial < kTrials; ++trial) {
-      tryAt(trial, parameters);
-      for (const Formula& rate : rates_)
-        if (!std::isfinite(rate.parser.Eval()))
-          fail(rate, "its derivative by time is not finite at " + listed(parameters));
-    }
+    eachTried(rates_, parameters, [&](const Formula& rate, double value) {
+      if (!std::isfinite(value)) fail(rate, "its derivative by time is not finite at " + listed(parameters));
+    });
   }
 
  private:
@@ -100,54 +107,24 @@ class ExpressionEffect final : public Effect {
   int variableCount() const { return static_cast<int>(variables_.size()); }
   int firstParameter() const { return variableCount() + info_.states; }
 
-  /// Adds the values of `count` formulas to `sums`.
   template <typename T>
-  void add(const T* p, const Point<T>& point, const Formula* formulas, int count, T* sums) const {
-    for (int j = 0; j < static_cast<int>(values_.size()); ++j) values_[j] = valueOf(argument(p, point, j));
-    for (int i = 0; i < count; ++i) {
-      if (formulas[i].text.empty()) continue;
-      sums[i] += formulas[i].parser.Eval();
-      if constexpr (!std::is_same_v<T, double>)
-        for (int j : formulas[i].depends) {
-          const T at = argument(p, point, j);
-          if (!isConstant(at)) sums[i].v += derivative(formulas[i], j) * at.v;
-        }
-    }
+  void add(const T* p, const Point<T>& point, const Formulas& formulas, T* sums) const {
+    formulas.tape->add([&](int j) { return argument(p, point, j); }, sums);
   }
-  void add(const Symbol* p, const Point<Symbol>& point, const Formula* formulas, int count,
-           Symbol* sums) const {
-    NamedSymbols names;
-    for (int j = 0; j < static_cast<int>(values_.size()); ++j) {
-      const Symbol at = argument(p, point, j);
-      if (j < variableCount())
-        for (const std::string& name : variables_[static_cast<std::size_t>(j)]) names.emplace_back(name, at);
-      else if (j < firstParameter())
-        names.emplace_back(definition_.states[static_cast<std::size_t>(j - variableCount())].name, at);
-      else
-        names.emplace_back(info_.parameters[static_cast<std::size_t>(j - firstParameter())].name, at);
+  void add(const Symbol* p, const Point<Symbol>& point, const Formulas& formulas, Symbol* sums) const {
+    NamedSymbols known;
+    for (std::size_t j = 0; j < names_.size(); ++j)
+      for (const std::string& name : names_[j])
+        known.emplace_back(name, argument(p, point, static_cast<int>(j)));
+    for (const Formula& formula : formulas.each) {
+      if (!formula.text.empty()) *sums += symbolOf(formula.text, known);
+      ++sums;
     }
-    for (int i = 0; i < count; ++i)
-      if (!formulas[i].text.empty()) sums[i] += symbolOf(formulas[i].text, names);
   }
   template <typename T>
   T argument(const T* p, const Point<T>& point, int j) const {
     if (j < variableCount()) return argumentOf(point, j);
     return j < firstParameter() ? point.states[j - variableCount()] : p[j - firstParameter()];
-  }
-
-  double derivative(const Formula& formula, int j) const {
-    const double at = values_[j];
-    const double step = 6e-6 * std::max(std::abs(at), stepScale(j));  // cube root of the precision
-    values_[j] = at + step;
-    const double above = formula.parser.Eval();
-    values_[j] = at - step;
-    const double below = formula.parser.Eval();
-    values_[j] = at;
-    return (above - below) / (2 * step);
-  }
-
-  double stepScale(int j) const {
-    return j < firstParameter() ? 1.0 : std::abs(definition_.typical[j - firstParameter()]);
   }
 
   [[noreturn]] void fail(const Formula& formula, const std::string& why) const {
@@ -157,66 +134,68 @@ class ExpressionEffect final : public Effect {
 
   [[noreturn]] void failUnknown(const Formula& formula, const std::string& word) const {
     std::vector<std::string> known;
-    for (const auto& names : variables_) known.push_back(names.front());
-    for (const auto& state : definition_.states) known.push_back(state.name);
-    for (const ParameterInfo& parameter : info_.parameters) known.push_back(parameter.name);
+    for (const auto& names : names_) known.push_back(names.front());
     std::string text = "there is no " + shortened(word) + didYouMean(word, known) + "; there are";
     for (const std::string& name : known) text += " " + name;
     fail(formula, text);
   }
 
-  Formula bound(const std::string& what, const std::string& text) {
-    Formula formula{what, text, {}, {}};
-    if (text.empty()) return formula;
-    if (text.size() > kLongestFormula)
+  /// Throws std::invalid_argument if one of the formulas is wrong.
+  void prepare(Formulas& formulas) const {
+    std::vector<std::string> texts;
+    for (const Formula& formula : formulas.each) {
+      check(formula);
+      texts.push_back(formula.text);
+    }
+    formulas.tape.emplace(texts, names_);
+  }
+
+  void check(const Formula& formula) const {
+    if (formula.text.size() > kLongestFormula)
       fail(formula, "it is longer than " + std::to_string(kLongestFormula) + " characters");
     static const std::regex assignment("(^|[^<>=!])=([^=]|$)");
-    if (std::regex_search(text, assignment)) fail(formula, "it must not assign with '='");
+    if (std::regex_search(formula.text, assignment)) fail(formula, "it must not assign with '='");
+    if (formula.text.empty()) return;
     try {
-      mu::Parser& parser = formula.parser;
+      mu::Parser parser;
+      double value = 0;
       parser.DefineConst("pi", M_PI);
-      double* value = values_.data();
-      for (const auto& names : variables_) {
-        for (const std::string& name : names) parser.DefineVar(name, value);
-        ++value;
-      }
-      for (const auto& state : definition_.states) parser.DefineVar(state.name, value++);
-      for (const ParameterInfo& parameter : info_.parameters) parser.DefineVar(parameter.name, value++);
-      parser.SetExpr(text);
+      for (const auto& names : names_)
+        for (const std::string& name : names) parser.DefineVar(name, &value);
+      parser.SetExpr(formula.text);
       int results = 0;
       parser.Eval(results);
       if (results != 1) fail(formula, "it must give one number, not a list");
-      std::set<int> depends;
-      for (const auto& used : parser.GetUsedVar())
-        depends.insert(static_cast<int>(used.second - values_.data()));
-      formula.depends.assign(depends.begin(), depends.end());
     } catch (const mu::Parser::exception_type& error) {
       if (error.GetCode() == mu::ecUNASSIGNABLE_TOKEN) failUnknown(formula, error.GetToken());
       fail(formula, error.GetMsg());
     }
-    return formula;
   }
 
-  /// Sets the variables and states to the values of a trial, away from the special points 0 and 1.
-  void tryAt(int trial, const std::vector<double>& parameters) const {
-    for (int i = 0; i < firstParameter(); ++i) {
-      const bool input = i >= kFirstInputArgument && i < variableCount();
-      const double wave = std::sin(1.0 + 3.7 * trial + 1.3 * i);
-      values_[i] = input ? 0.5 + 0.5 * wave : wave;
+  /// Calls act(formula, its value) with trial values of the variables and states, away from the special
+  /// points 0 and 1.
+  template <class Act>
+  void eachTried(const Formulas& formulas, const std::vector<double>& parameters, const Act& act) const {
+    std::vector<double> found(formulas.each.size());
+    for (int trial = 0; trial < kTrials; ++trial) {
+      std::fill(found.begin(), found.end(), 0.0);
+      formulas.tape->add(
+          [&](int j) {
+            if (j >= firstParameter()) return parameters[static_cast<std::size_t>(j - firstParameter())];
+            const double wave = std::sin(1.0 + 3.7 * trial + 1.3 * j);
+            return j >= kFirstInputArgument && j < variableCount() ? 0.5 + 0.5 * wave : wave;
+          },
+          found.data());
+      for (std::size_t i = 0; i < found.size(); ++i) act(formulas.each[i], found[i]);
     }
-    std::copy(parameters.begin(), parameters.end(), values_.begin() + firstParameter());
   }
 
   /// An effect must vanish at its neutral parameters, so that models with and without it compare.
   void requireZero(const std::vector<double>& neutral) const {
-    for (int trial = 0; trial < kTrials; ++trial) {
-      tryAt(trial, neutral);
-      for (const auto* formulas : {&wrench_, &forces_})
-        for (const Formula& formula : *formulas) {
-          if (formula.text.empty() || formula.parser.Eval() == 0.0) continue;
-          fail(formula, "it is not zero at the neutral values of the parameters");
-        }
-    }
+    for (const Formulas* formulas : {&wrench_, &forces_})
+      eachTried(*formulas, neutral, [&](const Formula& formula, double value) {
+        if (value != 0.0) fail(formula, "it is not zero at the neutral values of the parameters");
+      });
   }
 
   /// Parameter values for messages, such as "c = 0, tau = 0.2".
@@ -228,13 +207,12 @@ class ExpressionEffect final : public Effect {
   }
 
   ExpressionDefinition definition_;
-  ThrusterLayout layout_;
   std::vector<std::vector<std::string>> variables_;  ///< names of each
+  std::vector<std::vector<std::string>> names_;      ///< ... then of the states and of the parameters
   EffectInfo info_;
-  mutable std::vector<double> values_;  ///< variables, states, parameters; scratch of one thread
-  std::vector<Formula> wrench_;         ///< X, Y, N
-  std::vector<Formula> forces_;         ///< force added to each thruster
-  std::vector<Formula> rates_;          ///< derivatives of the states
+  Formulas wrench_;  ///< X, Y, N
+  Formulas forces_;  ///< force added to each thruster
+  Formulas rates_;   ///< derivatives of the states
 };
 
 }  // namespace

@@ -166,7 +166,8 @@ class Tracer final : public mu::ParserBase {
 Symbol symbolOf(const std::string& formula, const NamedSymbols& variables) {
   try {
     Tracer parser;
-    parser.DefineConst("pi", placeOf(M_PI));
+    for (const char* name : {"pi", "_pi"}) parser.DefineConst(name, placeOf(M_PI));
+    parser.DefineConst("_e", placeOf(M_E));
     for (const auto& [name, symbol] : variables) parser.DefineConst(name, placeOf(symbol));
     parser.SetExpr(formula);
     return symbolAt(parser.Eval());

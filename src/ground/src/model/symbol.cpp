@@ -10,10 +10,8 @@ namespace {
 
 thread_local Trace* innermost = nullptr;
 
-using Function = double (*)(const double*);
-
 /// What each operation computes from its arguments.
-const std::map<std::string, Function>& functions() {
+const std::map<std::string, Trace::Function>& functions() {
 #define GROUND_OF_ONE(name, function)                            \
   {                                                              \
     name, [](const double* x) { return double(function(x[0])); } \
@@ -22,7 +20,7 @@ const std::map<std::string, Function>& functions() {
   {                                                          \
     name, [](const double* x) { return double(expression); } \
   }
-  static const std::map<std::string, Function> all = {
+  static const std::map<std::string, Trace::Function> all = {
       GROUND_OF_ONE("neg", -),
       GROUND_OF_ONE("!", !),
       GROUND_OF_ONE("abs", std::abs),
@@ -114,6 +112,8 @@ Trace& Trace::current() {
   return *innermost;
 }
 
+Trace::Function Trace::function(const std::string& name) { return functions().at(name); }
+
 Symbol Trace::symbolAt(int place) const {
   const Operation& operation = operations_[index(place)];
   Symbol symbol(operation.value);
@@ -141,7 +141,7 @@ Symbol Trace::of(const std::string& name, const std::vector<Symbol>& arguments) 
   std::transform(arguments.begin(), arguments.end(), values, [&](const Symbol& x) { return valueOf(x); });
   const bool fixed =
       std::all_of(arguments.begin(), arguments.end(), [&](const Symbol& x) { return isFixed(x); });
-  const double value = functions().at(name)(values);
+  const double value = function(name)(values);
   if (std::all_of(arguments.begin(), arguments.end(), [](const Symbol& x) { return x.isConstant(); }))
     return value;
   std::vector<int> places;

@@ -173,8 +173,6 @@ class Effect : public EffectHooks<double>, public EffectHooks<Jet>, public Effec
   virtual const EffectInfo& info() const = 0;
   /// The hooks that the effect implements, and whether they depend on the pose (a set of Hook).
   virtual unsigned hooks() const = 0;
-  /// An instance for one thread: this object, unless the effect has scratch memory.
-  virtual std::shared_ptr<const Effect> forThread() const = 0;
 };
 
 using EffectPtr = std::shared_ptr<const Effect>;

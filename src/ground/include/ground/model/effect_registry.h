@@ -124,8 +124,7 @@ class HooksOf : public Base {
 };
 
 template <class E>
-class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, HooksOf<E, Symbol, Effect>>>,
-                         public std::enable_shared_from_this<EffectFrom<E>> {
+class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, HooksOf<E, Symbol, Effect>>> {
  public:
   const EffectInfo& info() const override {
     static const EffectInfo info = E::info();
@@ -136,7 +135,6 @@ class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, HooksOf<E, Sy
                   "the effect acts nowhere: it has none of the functions of ground::EffectHooks");
     return hooksOf<E>();
   }
-  std::shared_ptr<const Effect> forThread() const override { return this->shared_from_this(); }
 };
 
 /// The effect E of one thruster, which tells E::act() its number.
@@ -176,8 +174,7 @@ class OfThruster : public Effect {
 
 template <class E>
 class ThrusterEffect final
-    : public ThrusterHooks<E, double, ThrusterHooks<E, Jet, ThrusterHooks<E, Symbol, OfThruster>>>,
-      public std::enable_shared_from_this<ThrusterEffect<E>> {
+    : public ThrusterHooks<E, double, ThrusterHooks<E, Jet, ThrusterHooks<E, Symbol, OfThruster>>> {
  public:
   ThrusterEffect(int thruster, const ThrusterLayout& layout) : info_(E::info()) {
     this->thruster_ = thruster;
@@ -190,7 +187,6 @@ class ThrusterEffect final
   }
   const EffectInfo& info() const override { return info_; }
   unsigned hooks() const override { return E::kHook; }
-  std::shared_ptr<const Effect> forThread() const override { return this->shared_from_this(); }
 
  private:
   EffectInfo info_;

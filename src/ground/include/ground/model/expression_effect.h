@@ -17,9 +17,8 @@ constexpr std::size_t kLongestName = 60;     ///< name of an effect or parameter
 
 /// An effect written in the model file: wrench components as formulas (muparser) of
 /// u, v, r, x, y, psi, u_L, u_R, lift, t, volt, pi, the effect's states and its parameters. It needs no
-/// compiler. Its derivatives are central differences; those of all other effects are exact. The
-/// input of a thruster is also u_NAME and u_NUMBER, counted from 1; only a left and a right thruster
-/// are u_L and u_R.
+/// compiler. The input of a thruster is also u_NAME and u_NUMBER, counted from 1; only a left and a right
+/// thruster are u_L and u_R.
 struct ExpressionDefinition {
   /// A state and the formula of its time derivative, in the same variables. The state first settles
   /// to the commands before the start (Dynamics::settle), then is integrated with the motion

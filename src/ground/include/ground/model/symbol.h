@@ -76,6 +76,12 @@ class Trace {
   ~Trace();
   Trace(const Trace&) = delete;
   Trace& operator=(const Trace&) = delete;
+
+  /// What an operation computes from its arguments.
+  using Function = double (*)(const double*);
+  /// The Function of a name (Operation::name).
+  static Function function(const std::string& name);
+
   /// The innermost Trace of this thread. Throws std::logic_error if there is none.
   static Trace& current();
 

@@ -23,7 +23,7 @@ from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Samples, Scales
 from ground.analysis.scalars import ARGUMENTS, PAST
-from ground.analysis.screening import refined, screened
+from ground.analysis.screening import Screen, refined
 from ground.analysis.window_error import squared_errors
 from ground.recordings import scatter
 from ground.support.annotations import Array
@@ -202,9 +202,9 @@ def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
     """What was found in the last round that was kept. sampled: of each run."""
     likelihood, near = first.likelihood, first.fit
     best: Optional[Found] = None
-    regression = first
+    regression, screen = first, Screen(likelihood, near.model, sampled)
     for _ in range(ROUNDS):
-        wider = refined(screened(regression, near.model, sampled), near.model, sampled)
+        wider = refined(screen.screened(regression, near.model), near.model, sampled)
         parts = wider.parts()
         terms = wider.choose(parts)
         if not terms:

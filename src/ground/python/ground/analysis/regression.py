@@ -80,6 +80,7 @@ class Regression:
         self.features: List[Feature] = []
         self.wrenches = [np.empty((len(run.times), 3, 0)) for run in likelihood.runs]
         self.D, self.scale = np.empty((len(self.y), 0)), np.empty(0)
+        self.products, self.b = np.empty((0, 0)), np.empty(0)
         self.active: Flags = np.empty(0, bool)
         self.tried = np.empty(0)  # number of features that each was chosen from
         self._acting = [np.empty((len(run.times), 3, 0)) for run in likelihood.runs]
@@ -98,14 +99,15 @@ class Regression:
 
     def _add(self, features: Sequence[Feature], acting: Sequence[Array], tried: Sequence[float]) -> None:
         wrenches, kept = self._left_of(acting)
-        power = sum((w**2).sum(axis=(0, 1)) for w in wrenches) / sum(len(w) for w in wrenches)
+        power = sum(np.einsum("ijk,ijk->k", w, w) for w in wrenches) / sum(len(w) for w in wrenches)
         # of each feature, so that its wrench has a mean square of 1
         scale = 1 / np.sqrt(np.maximum(power, 1e-30))
-        D = self.innovations.responses([w * self.full[:, None] * scale for w in wrenches])
-        raw = (D**2).sum(axis=0)
+        D = self.innovations.responses([w * (self.full[:, None] * scale) for w in wrenches])
+        raw = np.einsum("ij,ij->j", D, D)
         D = self.innovations.projected(D)
-        kept &= (D**2).sum(axis=0) > np.maximum(SEEN * raw, 1e-9)
+        kept &= np.einsum("ij,ij->j", D, D) > np.maximum(SEEN * raw, 1e-9)
         D[:, ~kept] = 0.0
+        across, own = self.D.T @ D, D.T @ D
         self.features = [*self.features, *features]
         self.tried = np.concatenate([self.tried, tried])
         self._acting = [np.concatenate(pair, axis=2) for pair in zip(self._acting, acting)]
@@ -113,9 +115,9 @@ class Regression:
         self.scale = np.concatenate([self.scale, scale])
         self.active = np.concatenate([self.active, kept])
         self.D = np.hstack([self.D, D])
-        self.products = self.D.T @ self.D
+        self.products = np.block([[self.products, across], [across.T, own]])
         self.information = np.diag(self.products).copy()
-        self.b = self.D.T @ self.y
+        self.b = np.concatenate([self.b, D.T @ self.y])
         self._last: Optional[Tuple[Sequence[Term], Tuple[Indices, Array, Array]]] = None
 
     def _left_of(self, acting: Sequence[Array]) -> Tuple[List[Array], Flags]:
@@ -349,11 +351,12 @@ def _without(acting: Sequence[Array], followed: Array) -> Tuple[List[Array], Fla
     """Features (n, 3, m) of each run without what is followed (_basis), and which of them are left. Their
     weights would run away with the parameters."""
     A = np.concatenate([a.reshape(-1, a.shape[2]) for a in acting])
-    before = (A**2).sum(axis=0)
-    A = A - followed @ (followed.T @ A)
-    power = (A**2).sum(axis=0)
+    before = np.einsum("ij,ij->j", A, A)
+    A -= followed @ (followed.T @ A)
+    square = A * A
+    power = square.sum(axis=0)
     # what acts in a few samples alone cannot be learned
-    acts = power**2 / np.maximum((A**4).sum(axis=0), 1e-300) / len(A)
+    acts = power**2 / np.maximum(np.einsum("ij,ij->j", square, square), 1e-300) / len(A)
     kept = (power > SEEN * before) & (before > 0) & (acts > FEWEST)
     A[:, ~kept] = 0.0
     edges = np.cumsum([0] + [3 * len(a) for a in acting])

@@ -188,8 +188,8 @@ def namespace(sampled: Samples) -> Mapping[str, Any]:
 
 def evaluated(formula: str, known: Mapping[str, Any]) -> Array:
     """Values (n,) of a formula of the dictionary, never of a user's."""
-    value = eval(formula.replace("^", "**"), {"__builtins__": {}}, known)
-    return np.asarray(np.broadcast_to(np.asarray(value, float), known["t"].shape))
+    value = np.asarray(eval(formula.replace("^", "**"), {"__builtins__": {}}, known), float)
+    return value if value.ndim else np.full(known["t"].shape, value)
 
 
 def _states(model: _core.Model, v: Mapping[str, Array], times: Array, time_scale: float) -> Dict[str, Array]:

@@ -27,6 +27,7 @@ MOST_OF = 3.5  # standard deviations that hold most of the values
 BELLS = 150  # centres of bells of one size
 STEPS = (0.1, 0.25, 0.5, 0.75, 0.9)  # quantiles of a variable at which a step may be
 SHARP = 0.15  # width of a step, in standard deviations of its variable
+NUMBER = "%.6g"  # a constant in a formula
 REACH = 2.0  # longest part of the extent, or of the time, that a bell covers: 1 / REACH
 
 
@@ -81,8 +82,13 @@ class Scalar:
 
 def filled(template: str, constants: Mapping[str, Constant]) -> str:
     """A formula with the values of its constants."""
-    values = {name: "%.6g" % c.value for name, c in constants.items()}
+    values = {name: NUMBER % c.value for name, c in constants.items()}
     return template.format(**{n: "(%s)" % v if v[0] == "-" else v for n, v in values.items()})
+
+
+def written(constant: Constant) -> float:
+    """The value of a constant as formulas have it."""
+    return float(NUMBER % constant.value)
 
 
 def product_of_units(units: Sequence[str]) -> str:
@@ -392,12 +398,12 @@ def waves(scales: Scales, x: Array, y: Array) -> List[Scalar]:
     most = 2 * np.pi / max(CROSSED * scales.time_scale * scales.speed, 1e-9)
     reach = int(min(most / cell, np.sqrt(2 * WAVES / np.pi) + 2))  # WAVES are in a half disc of this radius
     side = np.arange(-reach, reach + 1)
-    grid = [(i * cell, j * cell) for i, j in itertools.product(side, side) if (i, j) > (0, 0)]
-    grid = sorted((k for k in grid if np.hypot(*k) <= most), key=lambda k: float(np.hypot(*k)))[:WAVES]
-    return [
-        Scalar("sin({kx}*x+{ky}*y+{p2})", "-", frozenset([PLACE]), {
-            "kx": Constant(kx, "rad/m", cell), "ky": Constant(ky, "rad/m", cell), "p2": phase,
-        })
-        for kx, ky in grid
-        for phase in PHASES.values()
-    ]  # fmt: skip
+    pairs = [(i, j) for i, j in itertools.product(side, side) if (i, j) > (0, 0)]
+    grid = cell * np.array(pairs, float).reshape(-1, 2)
+    size, arguments, found = np.hypot(*grid.T), frozenset([PLACE]), []
+    order = np.argsort(size, kind="stable")
+    for kx, ky in grid[order[size[order] <= most][:WAVES]].tolist():
+        vector = {"kx": Constant(kx, "rad/m", cell), "ky": Constant(ky, "rad/m", cell)}
+        for phase in PHASES.values():
+            found.append(Scalar("sin({kx}*x+{ky}*y+{p2})", "-", arguments, {**vector, "p2": phase}))
+    return found

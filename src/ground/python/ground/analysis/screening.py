@@ -9,7 +9,7 @@ multiplied with a third scalar, and screened again.
 """
 
 from dataclasses import replace
-from typing import Any, List, NamedTuple, Sequence
+from typing import Any, Dict, List, NamedTuple, Sequence
 
 import numpy as np
 
@@ -18,14 +18,16 @@ from ground.analysis import channels, dictionary, scalars
 from ground.analysis.channels import Channel
 from ground.analysis.dictionary import Feature, product
 from ground.analysis.distributions import chi_squared_above
+from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import LEVEL, Regression
 from ground.analysis.samples import Samples, Scales, evaluated, namespace
-from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
+from ground.analysis.scalars import ONE, Scalar, product_of_units, written
 from ground.recordings import scatter, windows
 from ground.support.annotations import Array, Indices
 
 BIN = 1 / 30  # samples that are taken together [windows]
 RANDOM = 8  # draws of innovations that give the variance of a score
+TOGETHER = 500  # products of one form that are computed together
 KEPT = 120  # products that are tested exactly
 KEPT_OF_ONE = 30  # ... of them on one channel
 LENGTHENED = 40  # best products of two that are multiplied with a third
@@ -46,36 +48,56 @@ class Product(NamedTuple):
     second: Scalar
 
 
-def screened(regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> Regression:
-    """The Regression with the products that have the largest scores. sampled: of each run."""
-    scales = Scales.of(sampled)
-    few, screen = scalars.few(model, scales), _Screen(regression, model, sampled)
-    x, y = (np.concatenate([s.values[name] for s in sampled]) for name in "xy")
-    acting, motion = channels.channels(model, scales), scalars.of_motion(model, scales, sampled)
-    found = screen.best(acting, [*motion, *scalars.of_place(scales, x, y)], few)
-    found += screen.best(acting, scalars.waves(scales, x, y), [ONE, *scalars.turns()])
-    found += screen.best(channels.pulls(scales, x, y), motion, few)
-    found = sorted(found, key=lambda product: -product.value)
-    best_last = {(p.first.text, p.second.text): p for p in reversed(found) if p.second is not ONE}
-    begun = sorted(best_last.values(), key=lambda product: -product.value)[:LENGTHENED]
-    if begun:
-        thirds = [_renamed(scalar) for scalar in few[1:]]
-        longer = [_product(p.first, p.second) for p in begun]
-        found += screen.best(acting, longer, [ONE, *thirds], max(p.tried for p in begun) // len(longer))
-    found = sorted(found, key=lambda product: -product.value)[:KEPT]
-    features = [product(p.channel, [p.first, p.second]) for p in found]
-    wrenches = [dictionary.wrenches(features, model, s) for s in sampled]
-    return regression.extended(features, wrenches, [p.tried for p in found])
+class _Narrow(NamedTuple):
+    """Scalars that all others are multiplied with, the first is ONE, and their values by bins."""
+
+    scalars: Sequence[Scalar]
+    values: Array  # (bins, narrow, longest)
 
 
-class _Screen:
-    """Scores of products at the samples of all runs."""
+class Screen:
+    """Scores of products at the samples of all runs. sampled: of each run of a Likelihood."""
 
-    def __init__(self, regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> None:
-        self.model, self.sampled = model, sampled
-        self.draws = np.concatenate(regression.innovations.scores(RANDOM))
-        self.edges = _bins(sampled, BIN * windows.length(regression.likelihood.runs))
-        self.middles = self.edges + np.diff(np.append(self.edges, len(self.draws))) // 2
+    def __init__(self, likelihood: Likelihood, model: _core.Model, sampled: Sequence[Samples]) -> None:
+        self.sampled, scales = sampled, Scales.of(sampled)
+        self.edges = _bins(sampled, BIN * windows.length(likelihood.runs))
+        ends = np.append(self.edges, sum(len(s.times) for s in sampled))
+        self.middles = self.edges + np.diff(ends) // 2
+        few = scalars.few(model, scales)
+        x, y = (np.concatenate([s.values[name] for s in sampled]) for name in "xy")
+        self.acting, motion = channels.channels(model, scales), scalars.of_motion(model, scales, sampled)
+        self.thirds = self._narrow([ONE, *map(_renamed, few[1:])])
+        narrow, every = self._narrow(few), [*motion, *scalars.of_place(scales, x, y)]
+        values, waves = self._wide(every), scalars.waves(scales, x, y)
+        self.products = [
+            (self.acting, every, values, narrow),
+            (self.acting, waves, self._wide(waves), self._narrow([ONE, *scalars.turns()])),
+            (channels.pulls(scales, x, y), motion, values[:, : len(motion)], narrow),
+        ]
+
+    def screened(self, regression: Regression, model: _core.Model) -> Regression:
+        """The Regression with the products that have the largest scores."""
+        draws = np.concatenate(regression.innovations.scores(RANDOM))
+        found = [p for those in self.products for p in self._best(model, draws, *those)]
+        found = sorted(found, key=lambda product: -product.value)
+        best_last = {(p.first.text, p.second.text): p for p in reversed(found) if p.second is not ONE}
+        begun = sorted(best_last.values(), key=lambda product: -product.value)[:LENGTHENED]
+        if begun:
+            longer = [_product(p.first, p.second) for p in begun]
+            tried = max(p.tried for p in begun) // len(longer)
+            found += self._best(model, draws, self.acting, longer, self._wide(longer), self.thirds, tried)
+        found = sorted(found, key=lambda product: -product.value)[:KEPT]
+        features = [product(p.channel, [p.first, p.second]) for p in found]
+        wrenches = [dictionary.wrenches(features, model, s) for s in self.sampled]
+        return regression.extended(features, wrenches, [p.tried for p in found])
+
+    def _wide(self, wide: Sequence[Scalar]) -> Array:
+        """Values (bins, wide) in the middles of the bins."""
+        return _values(wide, self.sampled, self.middles)
+
+    def _narrow(self, narrow: Sequence[Scalar]) -> _Narrow:
+        every = self._binned(_values(narrow, self.sampled, slice(None)))
+        return _Narrow(narrow, every.transpose(0, 2, 1))
 
     def _binned(self, values: Array) -> Array:
         """Values (n, k) at all samples, by bins (bins, longest, k); zero behind the end of a shorter one."""
@@ -85,25 +107,31 @@ class _Screen:
         binned[np.repeat(np.arange(len(sizes)), sizes), inside] = values
         return binned
 
-    def best(
-        self, acting: Sequence[Channel], wide: Sequence[Scalar], narrow: Sequence[Scalar], of: int = 1
+    def _best(
+        self,
+        model: _core.Model,
+        draws: Array,
+        acting: Sequence[Channel],
+        wide: Sequence[Scalar],
+        values: Array,
+        narrow: _Narrow,
+        of: int = 1,
     ) -> List[Product]:
-        """The KEPT_OF_ONE best products on each channel of wide and narrow scalars, of which the first is
-        ONE. of: number of others that each wide scalar was chosen from."""
+        """The KEPT_OF_ONE best products on each channel of wide scalars, with their values, and narrow ones.
+        draws: scores of innovations; of: number of others that each wide scalar was chosen from."""
         units = [product(channel, []) for channel in acting]
-        directions = np.concatenate([dictionary.wrenches(units, self.model, s) for s in self.sampled])
-        P = _values(wide, self.sampled, self.middles).astype(np.float32)
-        Q = self._binned(_values(narrow, self.sampled, slice(None))).transpose(0, 2, 1)
+        directions = np.concatenate([dictionary.wrenches(units, model, s) for s in self.sampled])
         singles = len(acting) * len(wide) * of
-        pairs, found = singles * (len(narrow) - 1), []
+        pairs, found = singles * (len(narrow.scalars) - 1), []
         for channel, e in zip(acting, directions.transpose(2, 0, 1)):
-            z = _scores(P, Q @ self._binned(np.einsum("ij,ijk->ik", e, self.draws)))
+            z = _scores(values, narrow.values @ self._binned(np.einsum("ij,ijk->ik", e, draws)))
             z[:, 0] -= 2 * np.log(singles)
             z[:, 1:] -= 2 * np.log(pairs)
             for at in np.argpartition(-z.ravel(), KEPT_OF_ONE)[:KEPT_OF_ONE].tolist():
-                i, j = divmod(at, len(narrow))
-                tried = singles if narrow[j] is ONE else pairs
-                found.append(Product(float(z[i, j]), tried, channel, wide[i], narrow[j]))
+                i, j = divmod(at, len(narrow.scalars))
+                second = narrow.scalars[j]
+                tried = singles if second is ONE else pairs
+                found.append(Product(float(z[i, j]), tried, channel, wide[i], second))
         return found
 
 
@@ -147,16 +175,28 @@ def _bins(sampled: Sequence[Samples], width: float) -> Indices:
 
 
 def _values(of: Sequence[Scalar], sampled: Sequence[Samples], at: Any) -> Array:
-    """Scalars (n, k) at some samples of all runs, over their root mean squares."""
+    """Scalars (n, k) at some samples of all runs, each over its root mean square; alike ones together."""
     spaces = [namespace(s) for s in sampled]
     known = {
         name: np.concatenate([space[name] for space in spaces])[at] if np.ndim(value) else value
         for name, value in spaces[0].items()
     }
-    values = np.empty((len(known["t"]), len(of)))
+    variables = {name: value[:, None] if np.ndim(value) else value for name, value in known.items()}
+    values = np.empty((len(known["t"]), len(of)), np.float32)
+    by_text: Dict[str, List[int]] = {}
     for k, scalar in enumerate(of):
-        values[:, k] = evaluated(filled(scalar.text, scalar.constants), known)
-    return np.asarray(values / np.maximum(np.sqrt((values**2).mean(axis=0)), 1e-300))
+        by_text.setdefault(scalar.text, []).append(k)
+    for text, alike in by_text.items():
+        for first in range(0, len(alike), TOGETHER):
+            columns = alike[first : first + TOGETHER]
+            names = {name: "constant_" + name for name in of[columns[0]].constants}
+            constants = {
+                own: np.array([written(of[k].constants[name]) for k in columns])
+                for name, own in names.items()
+            }
+            found = evaluated(text.format(**names), {**variables, **constants})
+            values[:, columns] = found / np.maximum(np.sqrt((found**2).mean(axis=0)), 1e-300)
+    return values
 
 
 def refined(regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> Regression:

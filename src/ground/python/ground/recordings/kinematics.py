@@ -44,6 +44,13 @@ def smooth_terms(nu: Array) -> Array:
     )
 
 
+def squares_left(regressors: Array, wanted: Array) -> Array:
+    """Sums of squares (k,) of what a linear regression leaves of columns wanted (n, k)."""
+    across = regressors.T @ wanted
+    solved = np.linalg.lstsq(regressors.T @ regressors, across, rcond=1e-12)[0]
+    return np.asarray(np.maximum((wanted**2).sum(axis=0) - (across * solved).sum(axis=0), 0.0))
+
+
 def middle(motion: Motion, times: Optional[Array] = None) -> Flags:
     """Samples away from the ends of stretches, where smoothed accelerations are inaccurate; of some of the
     motion's times, or all."""

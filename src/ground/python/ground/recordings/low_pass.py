@@ -40,8 +40,8 @@ class LowPass:
         """Of its numerator and denominator, by ascending delay."""
         poles, turn = np.array(POLES[self.form]), np.pi * self.corner / self.rate
         warped = np.tan(turn) * poles
-        below = np.poly((1 + warped) / (1 - warped) if self.bilinear else np.exp(2 * turn * poles)).real
-        above = np.poly(-np.ones(len(poles))) if self.bilinear else np.ones(1)
+        below = _expanded((1 + warped) / (1 - warped) if self.bilinear else np.exp(2 * turn * poles))
+        above = _expanded(-np.ones(len(poles))) if self.bilinear else np.ones(1)
         return above * below.sum() / above.sum(), below
 
     def response(self, angles: Array) -> Array:
@@ -53,8 +53,9 @@ class LowPass:
         """Rows (n, k) at the rate, smoothed."""
         from scipy.signal import lfilter  # slow to load
 
+        coefficients = self.coefficients()
         for _ in range(1 + self.both_ways):
-            rows = (lfilter(*self.coefficients(), rows - rows[0], axis=0) + rows[0])[::-1]
+            rows = (lfilter(*coefficients, rows - rows[0], axis=0) + rows[0])[::-1]
         return np.asarray(rows if self.both_ways else rows[::-1])
 
     def undone(self, times: Array, poses: Array) -> Tuple[Array, Array]:
@@ -95,3 +96,8 @@ class LowPass:
         )
         right = np.append(weight * wanted, np.zeros(3 * len(angles)))
         return np.linalg.lstsq(rows, right, rcond=None)[0], step
+
+
+def _expanded(roots: Array) -> Array:
+    """Coefficients of the polynomial of one or two roots, real or conjugate."""
+    return np.array([1.0, -roots.sum().real, roots.prod().real][: 1 + len(roots)])

@@ -45,11 +45,14 @@ def find(recording: Recording) -> List[Clock]:
     wanted /= np.maximum(wanted.std(axis=0), 1e-12)
     centre, motors = 0.5 * (times[0] + times[-1]), _Motors(recording)
 
+    def given(lag: float, rate: float, tau: float = 0.0) -> Array:
+        """Commands (n, k) less what is smooth in them."""
+        commands = motors.lagged(times - rate * (times - centre) - lag, tau)
+        return np.asarray(commands - base @ (base.T @ commands))
+
     def left(lag: float, rate: float, tau: float = 0.0) -> Array:
         """What commands leave of the accelerations, by sample (n,)."""
-        at = times - rate * (times - centre) - lag
-        commands = motors.lagged(at, tau)
-        commands = commands - base @ (base.T @ commands)
+        commands = given(lag, rate, tau)
         rest = wanted - commands @ np.linalg.lstsq(commands, wanted, rcond=None)[0]
         return np.asarray((rest**2).sum(axis=1))
 
@@ -57,7 +60,7 @@ def find(recording: Recording) -> List[Clock]:
 
     def size(way: Tuple[float, float]) -> float:
         if way not in known:
-            known[way] = float(left(*way).sum())
+            known[way] = float(kinematics.squares_left(given(*way), wanted).sum())
         return known[way]
 
     def least(lags: Array, rate: float) -> Array:

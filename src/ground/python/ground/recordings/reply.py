@@ -61,12 +61,17 @@ def turn_time(motion: Motion) -> float:
     return float(np.sqrt(4 * np.pi / max(hardest, 1e-9)))
 
 
+@once
+def _averaged_over(recording: Recording) -> float:
+    """Time over which smoothed accelerations show commands [s]; 0 where it is below the poses' interval."""
+    width = KERNEL * max(blur(recording.motion))
+    return 0.0 if width < scatter.interval(recording.motion.times) else width
+
+
 def commands_at(recording: Recording, commands: Array, times: Array) -> Array:
     """Commands (m, n) as smoothed accelerations show them: averaged over what the smoother does."""
-    width = KERNEL * max(blur(recording.motion))
-    if width < scatter.interval(recording.motion.times):
-        return recording.held(commands, times)
-    return recording.averaged(commands, times, width)
+    width = _averaged_over(recording)
+    return recording.averaged(commands, times, width) if width else recording.held(commands, times)
 
 
 @once

@@ -12,7 +12,15 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground.recordings import scatter
-from ground.recordings.kinematics import KERNEL, accelerations, blur, clipped, middle, smooth_terms
+from ground.recordings.kinematics import (
+    KERNEL,
+    accelerations,
+    blur,
+    clipped,
+    middle,
+    smooth_terms,
+    squares_left,
+)
 from ground.recordings.low_pass import POLES, LowPass
 from ground.recordings.repair import Motion
 from ground.support.annotations import Array
@@ -51,6 +59,7 @@ class _Commands:
         self._base = np.linalg.qr(others / np.maximum(np.abs(others).max(axis=0), 1e-300))[0]
         wanted = clipped(accelerations(motion)[inside])
         self._wanted = self._rest(wanted / np.maximum(wanted.std(axis=0), 1e-300))
+        self._squares = np.maximum((self._wanted**2).sum(axis=0), 1e-300)
 
     def _rest(self, rows: Array) -> Array:
         return np.asarray(rows - self._base @ (self._base.T @ rows))
@@ -60,8 +69,7 @@ class _Commands:
         late: [poses]."""
         commands = self._commands if one is None else one.filtered(self._commands)
         commands = self._rest(commands[np.maximum(self._at - late, 0)])
-        off = self._wanted - commands @ np.linalg.lstsq(commands, self._wanted, rcond=None)[0]
-        shares = (off**2).sum(axis=0) / np.maximum((self._wanted**2).sum(axis=0), 1e-300)
+        shares = squares_left(commands, self._wanted) / self._squares
         return float(np.exp(np.log(np.maximum(shares, 1e-6)).mean()))
 
 
