@@ -299,6 +299,10 @@ class Diagnosis:
         """By how much the poses differ that two models predict."""
         return horizon.change(self.runs, self.starts.windows, self.prediction_time, (before, after))
 
+    def matter(self, before: _core.Model, after: _core.Model) -> bool:
+        """Whether the poses that two models predict differ by what matters."""
+        return self._matters(self._change_of(before, after))
+
     def _matters(self, change: horizon.Change) -> bool:
         return bool(change.position_mm >= self.matters[0] or change.heading_deg >= self.matters[1])
 
@@ -388,11 +392,8 @@ class Diagnosis:
         def helps(larger: window_error.WindowFit, smaller: window_error.WindowFit) -> Comparison:
             return self.compared(*(self.tested(self.fitter, one) for one in (larger, smaller)))
 
-        def matters(smaller: _core.Model, larger: _core.Model) -> bool:
-            return self._matters(self._change_of(smaller, larger))
-
         search = SimulationSearch(
-            self.fitter, self.given, self.candidates, helps, matters, self.each, self.work
+            self.fitter, self.given, self.candidates, helps, self.matter, self.each, self.work
         )
         with self.work.stage(stages.SIMULATING, len(self.candidates)):
             try:

@@ -206,14 +206,15 @@ def _conclude(
 
 
 def _grown(found: Diagnosis) -> Refit:
-    """The grown model, as it was found; with effects, by simulation error where the judge proves that this
-    predicts better."""
+    """The grown model, as it was found; with effects, by simulation error where that matters and the judge
+    proves that it predicts better."""
     by = SIMULATION if found.by_simulation else LIKELIHOOD
     errors = [float(one.sum()) for one in (found.best.error, found.best.heldout)]
     best = Refit(by, *_on_all(found), errors[0], errors[1], found.best.tested)
     if found.chosen and not found.by_simulation:
         for other in _by_simulation(found, found.model, found.fit.free):
-            if found.compared(other.tested, best.tested).is_better:
+            differs = found.matter(best.model, other.model)
+            if differs and found.compared(other.tested, best.tested).is_better:
                 best = other
     return best
 
