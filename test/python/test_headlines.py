@@ -199,6 +199,16 @@ def test_every_verdict_has_its_answer_and_what_to_do(report, name):
     assert all(len(line) <= 100 for line in formatted(lines) if not line.startswith("    r"))
 
 
+def test_an_effect_that_single_runs_deny_is_not_certain(report):
+    """Its interval, widened by what runs differ by, contains nothing at all."""
+    found, tau = copy.deepcopy(report), report["improved"]["parameters"]["motor_lag.tau"]
+    assert "ertain." in answer.lines(found)[0][1]
+    wide = dict(tau, ci95=[0.0, 2 * tau["value"]], runs=[0.0, 2 * tau["value"]])
+    found["improved"]["parameters"]["motor_lag.tau"] = wide
+    assert "single runs do not agree" in answer.lines(found)[0][1]
+    assert "ertain." not in answer.lines(found)[0][1]
+
+
 def test_runs_that_do_not_tell_effects_apart_name_the_experiment(report):
     found = copy.deepcopy(report)
     found["steps"][0]["group"] = ["motor_lag", "input_delay"]

@@ -6,6 +6,7 @@ import os
 import shlex
 from typing import Iterator, List
 
+from ground.analysis import candidates
 from ground.analysis.diagnosis import EXPLAINED
 from ground.analysis.verdict import SIMULATION
 from ground.diagnosing import words
@@ -134,7 +135,18 @@ def _certainty(report: Document, step: Document) -> str:
         return "%s in the runs fitted to; the runs that you held out cannot confirm it" % sure
     if fitted["verdict"] != "better":
         return "Seen, not confirmed: parts of the runs that were held out cannot confirm it"
+    if _is_disputed(report, step["added"]):
+        return "Seen, not confirmed: single runs do not agree that it is there"
     return sure + (" that something acts like it" if _rest(report) else "")
+
+
+def _is_disputed(report: Document, name: str) -> bool:
+    """Whether runs differ so much that the intervals of an effect of the library contain nothing at all."""
+    values, known = report["improved"]["parameters"], candidates.effects().get(name, {"parameters": []})
+    own = [(values.get("%s.%s" % (name, p["name"])), p["neutral"]) for p in known["parameters"]]
+    found = [(p, neutral) for p, neutral in own if p and None not in p["ci95"]]
+    inside = [p["ci95"][0] <= neutral <= p["ci95"][1] for p, neutral in found]
+    return bool(found) and all(inside) and any("runs" in p for p, _ in found)
 
 
 def _rest(report: Document) -> str:
@@ -173,7 +185,7 @@ def _rest(report: Document) -> str:
 
 def _more(report: Document) -> str:
     """That more may be missing beside effects that were found; empty if nothing says so."""
-    if report["ceiling"]["terms"]:
+    if report["ceiling"]["terms"] and not report["agreement"].get("frequency"):
         told = "More may be missing that depends on %s; these runs cannot decide it."
         return told % words.arguments(report)
     if not report["agreement"]["holds"]:
@@ -192,7 +204,7 @@ def undecided(report: Document) -> str:
             words.effect(report, refuted[-1]["effect"]),
             refuted[-1]["why"],
         )
-    if found["terms"]:
+    if found["terms"] and not report["agreement"].get("frequency"):
         return "what they show about %s does not predict the other runs." % words.arguments(report)
     if not report["agreement"]["holds"]:
         return words.pattern(report) + "."
