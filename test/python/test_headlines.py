@@ -125,8 +125,14 @@ OPEN = {
     "named_as": "a yaw moment of 2 mN m that depends on the heading",
     "arguments": {"heading": 0.4},
 }
-COMMON = {"pairs": 1, "share": 0.05, "low": -0.1, "high": 0.2}  # of runs with the same commands
-SAME = {"pairs": 1, "share": 0.7, "low": 0.6, "high": 0.8}
+COMMON = {
+    "pairs": 1,
+    "share": 0.05,
+    "low": -0.1,
+    "high": 0.2,
+    "stands_out": False,
+}  # of runs with the same commands
+SAME = {"pairs": 1, "share": 0.7, "low": 0.6, "high": 0.8, "stands_out": True}
 VERDICTS = {
     "nothing": ("complete", dict(improved=NOTHING, steps=[]), ["nothing - "], "nothing needed"),
     "differences": (

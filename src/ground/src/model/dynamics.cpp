@@ -204,7 +204,7 @@ void Dynamics<T>::requireThrusters(int count) const {
 template <typename T>
 StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, const Conditions<T>& given, const T& h,
                                    T* states) const {
-  StepInputs<T> inputs{{command}, given, actuators_.empty(), states, layout_.get()};
+  StepInputs<T> inputs{{command}, given, actuators_.empty(), states, layout_.get(), body_.input_max};
   if (!inputs.held) inputs.thrusters[1] = inputs.thrusters[2] = command;
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
   return inputs;

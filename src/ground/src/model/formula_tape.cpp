@@ -1,6 +1,8 @@
 #include "formula_tape.h"
 
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 
 #include "formula_symbols.h"

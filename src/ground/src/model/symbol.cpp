@@ -124,10 +124,12 @@ Symbol Trace::symbolAt(int place) const {
 Symbol Trace::add(const Operation& operation) {
   const auto key = std::make_tuple(operation.name, operation.label, operation.arguments,
                                    operation.name == "constant" ? operation.value : 0.0);
-  const auto [found, is_new] = places_.emplace(key, static_cast<int>(operations_.size()));
-  if (is_new) operations_.push_back(operation);
+  int place = static_cast<int>(operations_.size());
+  // What is not a number is equal to every key.
+  if (!std::isnan(std::get<double>(key))) place = places_.emplace(key, place).first->second;
+  if (place == static_cast<int>(operations_.size())) operations_.push_back(operation);
   Symbol symbol(operation.value);
-  symbol.place = found->second;
+  symbol.place = place;
   return symbol;
 }
 
@@ -191,7 +193,7 @@ std::optional<Symbol> Trace::shorterProduct(const Symbol& a, const Symbol& b) co
 }
 
 std::optional<Symbol> Trace::shorterQuotient(const Symbol& a, const Symbol& b) const {
-  if (isNumber(a, 0)) return 0.0;
+  if (isNumber(a, 0) && !isNumber(b, 0)) return 0.0;
   if (isNumber(b, 1)) return a;
   if (is(b, "/") && isNumber(argument(b, 0), 1)) return a * argument(b, 1);
   return std::nullopt;

@@ -95,6 +95,7 @@ struct StepInputs {
   /// their initial values.
   T* states = nullptr;
   const ThrusterLayout* layout = nullptr;  ///< of the craft
+  double input_max = 1.0;                  ///< full input of a thruster
 
   /// Whether a channel is an angle.
   bool isAngle(int i) const { return layout && !layout->pushes(i); }

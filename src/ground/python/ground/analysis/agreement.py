@@ -8,7 +8,7 @@ are the most extreme once in a hundred times; less often because the model is fi
 
 import contextlib
 from dataclasses import dataclass
-from typing import List, Optional, Sequence
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -32,6 +32,7 @@ class Common:
     share: float
     low: float  # 95% interval
     high: float
+    stands_out: bool  # whether it is why the recordings do not agree
 
 
 @dataclass(frozen=True)
@@ -58,25 +59,32 @@ def agreement(
 ) -> Agreement:
     """The Agreement of a Fit on runs over windows of them. seconds: horizon of predictions; each: maps over
     artificial recordings."""
-    rates, pairs = patterns.frequencies(likelihood.runs, seconds), patterns.pairs(runs)
+    band, pairs = patterns.band(likelihood.runs, seconds), patterns.pairs(runs)
+    seen_of_push: List[float] = []  # correlation of what the filter sees and what pushed, squared
 
     def patterns_of(recorded: Sequence[_core.RunData]) -> patterns.Seen:
         poses = [by_poses_alone(run) for run in recorded]
-        return patterns.seen(Likelihood(poses, likelihood.craft, likelihood.varying), fit, rates, pairs)
+        return patterns.seen(Likelihood(poses, likelihood.craft, likelihood.varying), fit, band, pairs)
 
     def made(seed: int) -> Optional[List[float]]:
         """Logarithm of the squared error, and patterns; None where the motion is not finite."""
         random = np.random.default_rng(seed)
         try:
-            artificial = [_recorded(run, fit, i, random, True) for i, run in enumerate(runs)]
+            made = [_recorded(run, fit, i, random, True) for i, run in enumerate(runs)]
+            artificial = [run for run, _ in made]
             error = float(squared_errors(artificial, cut, fit.model, scale=runs).mean())
-            return _numbers(error, patterns_of(artificial))
+            found = patterns_of(artificial)
+            if pairs:
+                width = seconds / patterns.FINEST
+                pushed = [_at(run, push, like, width) for (run, push), like in zip(made, likelihood.runs)]
+                seen_of_push.append(patterns.alike(found.wrenches, pushed) ** 2)
+            return _numbers(error, found)
         except GroundError:
             return None
 
     noise = np.nan
     with contextlib.suppress(GroundError):
-        quiet = [_recorded(run, fit, i, np.random.default_rng(0), False) for i, run in enumerate(runs)]
+        quiet = [_recorded(run, fit, i, np.random.default_rng(0), False)[0] for i, run in enumerate(runs)]
         noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
     error = float(squared_errors(runs, cut, fit.model).mean())
     real = patterns_of(runs)
@@ -90,8 +98,12 @@ def agreement(
             break
     average = np.exp([one[0] for one in rows[1:]]).mean() if rows[1:] else error
     numbers = np.array(rows)
-    frequency = None if holds else _frequency(numbers, rates, real)
-    common = _common(numbers[1:, -1], real.common, len(pairs)) if pairs else None
+    off = _deviations(numbers)[0]
+    frequency = None if holds else _frequency(off, band, real)
+    common = None
+    if pairs:
+        stands_out = not holds and bool(off[-1] == off.max())
+        common = _common(numbers[1:, -1], real.common, seen_of_push, len(pairs), stands_out)
     a, b, c = (float(np.sqrt(value)) for value in (error, average, noise))
     return Agreement(a, b, c, holds, frequency, common)
 
@@ -101,20 +113,23 @@ def _numbers(error: float, found: patterns.Seen) -> List[float]:
     return [float(np.log(error)), *found.tails, *found.strongest, found.common]
 
 
-def _frequency(rows: Array, rates: Array, real: patterns.Seen) -> Optional[float]:
-    """The frequency that stands out, if it does more than all else."""
-    lines = slice(-1 - real.lines.shape[1], -1)
-    off = _deviations(rows)[0]
-    if not len(rates) or off[lines].max() < off.max():
+def _frequency(off: Array, band: patterns.Band, real: patterns.Seen) -> Optional[float]:
+    """The frequency that stands out, if it does more than all else; off: deviations of the numbers."""
+    lines = off[-1 - real.lines.shape[1] : -1]
+    if lines.max() < off.max():
         return None
-    frame = int(np.argmax(off[lines]))
-    return float(rates[np.argmax(real.lines[:, frame])])
+    return float(band.rates[np.argmax(real.lines[:, int(np.argmax(lines))])])
 
 
-def _common(artificial: Array, share: float, pairs: int) -> Common:
-    """What is in common, with the uncertainty that artificial recordings without anything in common have."""
+def _common(
+    artificial: Array, share: float, seen_of_push: Sequence[float], pairs: int, stands_out: bool
+) -> Common:
+    """What is in common, with the uncertainty that artificial recordings without anything in common have; the
+    filter sees a part of it only, as of pushes that are known."""
+    seen = max(float(np.mean(seen_of_push)), 1e-3) if seen_of_push else 1e-3
     deviation = float(artificial.std()) if len(artificial) else np.inf
-    return Common(pairs, share, share - DEVIATIONS * deviation, share + DEVIATIONS * deviation)
+    low, high = (share + side * DEVIATIONS * deviation for side in (-1, 1))
+    return Common(pairs, share / seen, low / seen, high / seen, stands_out)
 
 
 def share_as_extreme(values: Array) -> float:
@@ -129,11 +144,26 @@ def _deviations(rows: Array) -> Array:
     return np.asarray((rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-300))
 
 
-def _recorded(run: _core.RunData, fit: Fit, i: int, random: Random, disturbed: bool) -> _core.RunData:
-    """An artificial recording of a run, with or without the disturbance and its trim."""
+def _recorded(
+    run: _core.RunData, fit: Fit, i: int, random: Random, disturbed: bool
+) -> Tuple[_core.RunData, Array]:
+    """An artificial recording of a run, with or without the disturbance and its trim; and the disturbance
+    X, Y [N], N [N m], body, at its samples."""
     if not disturbed:
-        return window_error.recorded(run, fit.model, random)
+        return window_error.recorded(run, fit.model, random), np.zeros((len(run.times), 3))
     factor, trim = np.exp(fit.loudness[i]) if fit.loudness else 1.0, fit.trims[i]
     wrench, room = window_error.pushes(run, fit.levels, random)
-    wrench = factor * wrench + np.array(trim["wrench"])
-    return window_error.recorded(run, fit.model, random, wrench, trim["thrust"], factor * room)
+    acting = factor * wrench + np.array(trim["wrench"])
+    made = window_error.recorded(run, fit.model, random, acting, trim["thrust"], factor * room)
+    psi = np.array(made.eta)[:, 2]
+    (x, y), c, s = np.array(room).T, np.cos(psi), np.sin(psi)
+    turned = np.column_stack([c * x + s * y, c * y - s * x, np.zeros(len(psi))])
+    return made, np.asarray(factor * (wrench + turned))
+
+
+def _at(run: _core.RunData, push: Array, thinned: _core.RunData, width: float) -> Array:
+    """Means over a width [s] of a push at the samples of a run (n, 3), at the samples of the thinned run."""
+    times, at = np.array(run.times), np.array(thinned.times)
+    sums = np.vstack([np.zeros(3), np.cumsum(push[:-1] * np.diff(times)[:, None], axis=0)])
+    ends = [np.column_stack([np.interp(at + side * width / 2, times, c) for c in sums.T]) for side in (-1, 1)]
+    return np.asarray(ends[1] - ends[0])

@@ -3,10 +3,10 @@
 Hypotheses - a model with an effect or a formula and the model without it, one way of fitting and another -
 predict the same poses at the horizon that suits the craft, each part of the runs by a fit to the others.
 
-*Veto*: the larger one predicts poses worse, by more than DEVIATIONS standard errors, or positions or
-headings by more than one and by more than what matters, where that is said. *Proof*: it predicts them better
-by more than DEVIATIONS standard errors, or makes the held-out innovations likelier by as much. Neither:
-nothing is decided.
+*Veto*: the larger one predicts poses worse, both components together by more than DEVIATIONS standard
+errors, or one of positions and headings by more than one and by more than what matters, where that is said.
+*Proof*: it predicts them better by more than DEVIATIONS standard errors, or makes the held-out innovations
+likelier by as much. Neither: nothing is decided.
 
 Standard errors are those of blocks of time or those of parts of the runs, the larger ones: neighbouring
 predictions are alike, and a run may be special.

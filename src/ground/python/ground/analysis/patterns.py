@@ -13,11 +13,33 @@ import numpy as np
 from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.recordings import scatter
-from ground.support.annotations import Array
+from ground.support.annotations import Array, Flags
 
 ALIKE = 0.9  # least correlation of commands that count as the same: edges are some milliseconds apart
-MIN_PERIODS = 1  # of the lowest frequency, in a run of usual length
+MIN_PERIODS = 2  # of the lowest frequency, in a run of usual length
 FINEST = 10.0  # periods of the highest frequency in a horizon: faster pushes hardly move a craft in it
+MOST_PAIRS = 20
+
+
+@dataclass(frozen=True)
+class Band:
+    """Frequencies at which a line may stand out, of rows on a grid of time."""
+
+    step: float  # [s]
+    count: int  # of the grid, zeros at its end included
+    inside: Flags  # which of its frequencies
+
+    @property
+    def rates(self) -> Array:
+        """The frequencies [Hz]."""
+        return np.asarray(np.fft.rfftfreq(self.count, self.step)[self.inside])
+
+    def power(self, times: Array, rows: Array) -> Array:
+        """Power (k, n) at the frequencies of rows (m, n) at some times, relative to that of white ones."""
+        at = np.round((times - times[0]) / self.step).astype(int)
+        grid = np.zeros((self.count, rows.shape[1]))
+        np.add.at(grid, at, rows)
+        return np.asarray(np.abs(np.fft.rfft(grid, axis=0)[self.inside]) ** 2 / max(1, len(times)))
 
 
 @dataclass(frozen=True)
@@ -33,7 +55,7 @@ class Seen:
     """What the filter sees in the poses of some runs."""
 
     wrenches: List[Array]  # of the disturbance, relative to its rms in the run, X, Y, N, (n, 3)
-    lines: Array  # power of the innovations by frequency, relative to its median, body and room, (k, 2)
+    lines: Array  # power of the innovations in a Band, relative to its median, body and room, (k, 2)
     common: float  # correlation of the wrench in pairs of runs; 0 without any
 
     @property
@@ -47,39 +69,47 @@ class Seen:
         return list(np.log(self.lines.max(axis=0)))
 
 
-def seen(likelihood: Likelihood, fit: Fit, rates: Array, pairs: Sequence[Pair]) -> Seen:
-    """What the filter of a Fit sees in the runs of a Likelihood, without inertial samples. rates: frequencies
-    [Hz] (k,)."""
-    wrenches, power = [], np.zeros((len(rates), 5))
+def seen(likelihood: Likelihood, fit: Fit, band: Band, pairs: Sequence[Pair]) -> Seen:
+    """What the filter of a Fit sees in the runs of a Likelihood, without inertial samples."""
+    wrenches, power = [], np.zeros((len(band.rates), 5))
     for i, run in enumerate(likelihood.runs):
         left = likelihood.residuals(fit.point, i)
         wrench = np.array(left["wrench"])
         wrenches.append(wrench / np.maximum(np.sqrt((wrench**2).mean(axis=0)), 1e-30))
         scored = np.array(left["scored"], bool)
-        times = np.array(run.times)[scored]
+        if not scored.any():
+            continue
         # The innovations of positions, x and y, are independent and of variance one; so they are when turned.
         x, y, turn = np.array(left["whitened"])[scored, :3].T
         c, s = np.cos(np.array(run.eta)[scored, 2]), np.sin(np.array(run.eta)[scored, 2])
         rows = np.column_stack([c * x + s * y, c * y - s * x, turn, x, y])
         rows = (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-30)
-        power += np.abs(np.exp(-2j * np.pi * np.outer(rates, times)) @ rows) ** 2 / max(1, len(times))
+        power += band.power(np.array(run.times)[scored], rows)
     lines = np.column_stack([power[:, :3].sum(axis=1), power[:, 3:].sum(axis=1)])
+    lines = lines / np.maximum(np.median(lines, axis=0), 1e-300)
     common = [_correlation(likelihood.runs, wrenches, pair) for pair in pairs]
-    return Seen(wrenches, lines / np.median(lines, axis=0), float(np.mean(common)) if common else 0.0)
+    return Seen(wrenches, lines, float(np.mean(common)) if common else 0.0)
 
 
-def frequencies(runs: Sequence[_core.RunData], seconds: float) -> Array:
-    """Frequencies [Hz] at which a line may stand out in runs, (k,). seconds: horizon of predictions."""
-    duration = float(np.median([run.times[-1] - run.times[0] for run in runs]))
-    step = float(np.max([scatter.interval(np.array(run.times)) for run in runs]))
-    lowest = MIN_PERIODS / duration
-    highest = max(min(FINEST / seconds, 0.4 / step), 2 * lowest)
-    return np.arange(lowest, highest, 0.5 / duration)
+def band(runs: Sequence[_core.RunData], seconds: float) -> Band:
+    """The Band of runs; seconds: horizon of predictions."""
+    durations = [run.times[-1] - run.times[0] for run in runs]
+    steps = [scatter.interval(np.array(run.times)) for run in runs]
+    count = 2 ** int(
+        np.ceil(np.log2(2 * max(durations) / min(steps) + 2))
+    )  # twice as fine as the longest run
+    rates = np.fft.rfftfreq(count, min(steps))
+    lowest = MIN_PERIODS / max(float(np.median(durations)), 1e-9)
+    highest = max(min(FINEST / seconds, 0.4 / max(steps)), 2 * lowest)
+    inside = (rates >= lowest) & (rates <= highest)
+    inside[-1] |= not inside.any()  # of a run that is too short for a line
+    return Band(min(steps), count, inside)
 
 
 def pairs(runs: Sequence[_core.RunData]) -> List[Pair]:
-    """The Pairs of runs that were given the same commands, from their first thrust on."""
-    return list(_pairs(runs))
+    """The Pairs of runs that were given the same commands, from their first change on; MOST_PAIRS of many."""
+    found = list(_pairs(runs))
+    return found[:: 1 + max(0, len(found) - 1) // MOST_PAIRS]
 
 
 def _pairs(runs: Sequence[_core.RunData]) -> Iterator[Pair]:
@@ -93,11 +123,13 @@ def _pairs(runs: Sequence[_core.RunData]) -> Iterator[Pair]:
 
 
 def _driven(run: _core.RunData) -> Tuple[float, float]:
-    """Times of the first thrust, and of its end [s]."""
+    """Times of the first change of a command, and of the end of thrust [s]."""
     inputs = np.array(run.inputs)
-    thrust = np.abs(inputs[:, 1:-1]).sum(axis=1) > 0
-    last = len(inputs) - 1 - int(np.argmax(thrust[::-1]))
-    return float(inputs[np.argmax(thrust), 0]), float(inputs[min(last + 1, len(inputs) - 1), 0])
+    changes = np.flatnonzero((inputs[1:, 1:-1] != inputs[:-1, 1:-1]).any(axis=1)) + 1
+    if not len(changes):
+        return run.times[0], run.times[-1]
+    ends = run.times[-1] if inputs[-1, 1:-1].any() else inputs[changes[-1], 0]
+    return float(inputs[changes[0], 0]), float(ends)
 
 
 def _held(run: _core.RunData, times: Array) -> Array:
@@ -127,5 +159,10 @@ def _correlation(runs: Sequence[_core.RunData], wrenches: Sequence[Array], pair:
         np.column_stack([np.interp(at, np.array(runs[k].times), w) for w in wrenches[k].T])
         for k, at in ((i, times), (j, times + pair.shift))
     )
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    return alike([a], [b])
+
+
+def alike(first: Sequence[Array], second: Sequence[Array]) -> float:
+    """Correlation of wrenches (n, 3) of some runs, mean over X, Y, N."""
+    a, b = (np.concatenate([w - w.mean(axis=0) for w in wrenches]) for wrenches in (first, second))
     return float(np.mean((a * b).mean(axis=0) / np.maximum(a.std(axis=0) * b.std(axis=0), 1e-300)))

@@ -70,6 +70,7 @@ class Conclusion:
     after: Refit  # the improved model
     noise_floor: float
     steps: List[float]  # error on held-out runs of the model as it is by likelihood, then after each step
+    cross_validated: float  # error of the improved model on parts of the runs fitted to
     judgements: Mapping[str, Judgement]  # by effect
     heldout_floor: float  # noise floor of the runs on which steps are measured
     varies: List[Document]  # what differs between runs
@@ -180,6 +181,10 @@ def _conclude(
         if found.by_simulation is not None or not found.grow_by_simulation(MISLEADS % off):
             found.withdraw(MISLEADS % off)
         return _conclude(found, heldout, misread, refits)
+    if after.by == LIKELIHOOD or found.by_simulation is not None:
+        model, parameters = _on_all(found)
+        after = replace(after, model=model, parameters=parameters)
+    crossed = after.heldout
     formula = named.formula if named else None
     by_user = HeldOut(found, heldout) if heldout else None
     steps = _steps(found, by_user)
@@ -192,7 +197,8 @@ def _conclude(
         after,
         floor,
         steps,
-        _judgements(found, by_user, before),
+        crossed,
+        _judgements(found, by_user, before, after),
         float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor,
         varies,
         left,
@@ -210,7 +216,7 @@ def _grown(found: Diagnosis) -> Refit:
     proves that it predicts better."""
     by = SIMULATION if found.by_simulation else LIKELIHOOD
     errors = [float(one.sum()) for one in (found.best.error, found.best.heldout)]
-    best = Refit(by, *_on_all(found), errors[0], errors[1], found.best.tested)
+    best = Refit(by, found.model, (), errors[0], errors[1], found.best.tested)
     if found.chosen and not found.by_simulation:
         for other in _by_simulation(found, found.model, found.fit.free):
             differs = found.matter(best.model, other.model)
@@ -221,8 +227,8 @@ def _grown(found: Diagnosis) -> Refit:
 
 def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
     """The grown model and its parameters, fitted to all of the runs; by simulation error to the parts of
-    long runs that the search used. Where the search used parts of long
-    runs, the levels are those of the parts: their uncertainty hardly widens intervals then."""
+    long runs that the search used. By likelihood, levels are those of the parts: their uncertainty hardly
+    widens intervals then."""
     if found.by_simulation is not None:
         return found.model, list(found.by_simulation.parameters.values())
     if not found.is_excerpt:
@@ -306,17 +312,19 @@ def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
     return [others.error(found.search.fits[frozenset(names[:i])]) for i in range(len(names) + 1)]
 
 
-def _judgements(found: Diagnosis, others: Optional[HeldOut], before: Refit) -> Dict[str, Judgement]:
+def _judgements(
+    found: Diagnosis, others: Optional[HeldOut], before: Refit, after: Refit
+) -> Dict[str, Judgement]:
     """How sure each effect of the grown model is by data that decided nothing, by name. Runs that the user
     held out contradict all effects where the best refit without any predicts them better."""
     result = {}
     for step in found.steps:
         by_user = None
         if others:
-            tested = others.tested(found.fit)
-            by_user = found.compared(tested, others.tested_of(before, found.search.nominal()))
+            without = others.tested_of(before, found.search.nominal())
+            by_user = found.compared(others.tested_of(after, found.fit), without)
             if not by_user.is_worse:
-                by_user = found.compared(tested, others.tested(step.rest))
+                by_user = found.compared(others.tested(found.fit), others.tested(step.rest))
         result[step.added] = Judgement(step.confirmed, by_user)
     return result
 

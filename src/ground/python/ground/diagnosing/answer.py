@@ -101,17 +101,20 @@ def _effect(report: Document, step: Document) -> str:
 
 
 def _left(report: Document) -> str:
-    """What the improved model leaves, where that may be chance."""
+    """What the improved model leaves beyond what matters."""
+    if not report["agreement"]["holds"]:
+        return words.pattern(report) + "."
     told = "what the model leaves, %s, is a random push" % off(report["prediction"]["errors"]["improved"])
     if _is_chance(report):
         return told + ": " + words.common(report) + "."
-    return told + " or an effect of something that was not recorded."
+    told += " or an effect of something that was not recorded"
+    return told + (": " + words.common(report) if report["agreement"].get("common") else "") + "."
 
 
 def _is_chance(report: Document) -> bool:
     """Whether runs with the same commands show that most of what is left is a random push."""
     found = report["agreement"].get("common")  # not in reports of release 1.0.0
-    return bool(report["agreement"]["holds"] and found and found["high"] < MOSTLY)
+    return bool(report["agreement"]["holds"] and found and found["low"] <= 0 and found["high"] < MOSTLY)
 
 
 def _rest_matters(report: Document) -> bool:
@@ -143,9 +146,11 @@ def _certainty(report: Document, step: Document) -> str:
 def _is_disputed(report: Document, name: str) -> bool:
     """Whether runs differ so much that the intervals of an effect of the library contain nothing at all."""
     values, known = report["improved"]["parameters"], candidates.effects().get(name, {"parameters": []})
-    own = [(values.get("%s.%s" % (name, p["name"])), p["neutral"]) for p in known["parameters"]]
-    found = [(p, neutral) for p, neutral in own if p and None not in p["ci95"]]
-    inside = [p["ci95"][0] <= neutral <= p["ci95"][1] for p, neutral in found]
+    own = [
+        (values.get("%s.%s" % (name, p["name"])), p["neutral"]) for p in known["parameters"] if not p["shape"]
+    ]
+    found = [(p, neutral) for p, neutral in own if p]
+    inside = [words.interval(p)[0] <= neutral <= words.interval(p)[1] for p, neutral in found]
     return bool(found) and all(inside) and any("runs" in p for p, _ in found)
 
 
@@ -241,7 +246,8 @@ def _next(report: Document, folder: str) -> str:
         return "the formula is an effect of its own; this adds it and fits its size:\n" + adds
     if kind in ("unexplained", "memory"):
         return "record more runs over the same places with other commands, so that a formula can be found"
-    if kind == "undecided" and report["agreement"].get("frequency"):
+    swings = report["agreement"].get("frequency")
+    if swings and (kind == "undecided" or (kind != "varies" and _rest_matters(report))):
         return "switch off what swings or turns near the craft, one at a time, and record again"
     if kind == "undecided":
         return "record more and longer runs, over the same places, with other commands"
@@ -252,15 +258,22 @@ def _next(report: Document, folder: str) -> str:
     if kind == "missing" and _rest(report):
         return "record more and longer runs to see whether more is missing; the model is usable now"
     if kind in ("complete", "missing") and _rest_matters(report) and not _is_chance(report):
-        return (
-            "fly the same commands twice from the same start%s, and diagnose both runs with these: a random "
-            "push leaves different errors in the two, what is missing leaves the same"
-            % (" (roslaunch: returns:=false)" if folder else "")
-        )
+        return _repeat(report, folder)
     if proposed:
         told = "nothing needed. These runs cannot show %s; this would:\n%s"
         return told % (words.effects(report, proposed["separates"][:1]), flies)
     return "nothing needed"
+
+
+def _repeat(report: Document, folder: str) -> str:
+    """The flights that tell whether what is left is chance."""
+    if report["agreement"].get("common"):
+        return "fly the same commands more often, and diagnose all runs: what they share is not yet clear"
+    return (
+        "fly the same commands twice from the same start%s, and diagnose both runs with these: a random "
+        "push leaves different errors in the two, what is missing leaves the same"
+        % (" (roslaunch: returns:=false)" if folder else "")
+    )
 
 
 def _doubted(step: Document) -> bool:

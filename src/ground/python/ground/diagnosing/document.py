@@ -63,7 +63,7 @@ def begun(
             "effects": [c.name for c in diagnosis.chosen],
             "parameters": _parameters(conclusion.after.parameters),
             "error": _error(conclusion.after.error, conclusion.heldout[-1], by),
-            "cross_validated": float(diagnosis.best.heldout.sum()),
+            "cross_validated": conclusion.cross_validated,
             "by": conclusion.after.by,
         },
         "noise_floor": conclusion.heldout_floor,

@@ -248,10 +248,10 @@ def pattern(report: Document) -> str:
     found = report["agreement"]
     if found.get("frequency"):  # not in reports of release 1.0.0
         return (
-            "what is left is strongest at %.2g Hz: something swings or turns at this rate, such as a fan "
-            "or an unbalanced motor, and not in step with the commands" % found["frequency"]
+            "what is left is strongest at %.2g Hz: something seems to swing or turn at this rate, such as a "
+            "fan or an unbalanced motor" % found["frequency"]
         )
-    if found.get("common") and found["common"]["low"] > 0:
+    if found.get("common") and found["common"]["stands_out"]:
         return common(report) + ", which no effect of the library and nothing recorded describes"
     return "what is left acts at some times or places only, as a draught, a cable or a bad patch of floor do"
 

@@ -13,7 +13,7 @@ struct ThrustDroop {
             "thrusters that weaken under their own load and recover",
             {{"part", "-", "part of an input that is lost at full load", 0, 0, 1,
               [](const Body<double>&) { return 0.1; }},
-             {"time", "s", "time constant of weakening and recovering", 1, 0.02, 10,
+             {"time", "s", "time constant of weakening and recovering", 1, 0.02, 3,
               [](const Body<double>&) { return 1.0; }, Coordinate::kValue, true}},
             0,
             1,
@@ -23,8 +23,11 @@ struct ThrustDroop {
   static void actuate(const T* p, const T& h, T* states, StepInputs<T>& inputs) {
     using std::abs;
     const Remains<T> left = decay(p[1], h);
-    for (int i = 0; i < inputs.thrusters[0].size(); ++i)
-      if (!inputs.isAngle(i)) weaken(p[0], moving(T(abs(commanded(inputs, i))), left, states[i]), i, inputs);
+    for (int i = 0; i < inputs.thrusters[0].size(); ++i) {
+      if (inputs.isAngle(i)) continue;
+      const T load = abs(commanded(inputs, i)) / inputs.input_max;
+      weaken(p[0], moving(load, left, states[i]), i, inputs);
+    }
   }
 };
 GROUND_REGISTER_EFFECT(ThrustDroop)
