@@ -188,3 +188,17 @@ def test_what_reaches_the_thrusters_is_what_the_actuators_make_of_commands(effec
     assert found[-1, -1] == 0 and found[5, -1] == 1
     later = _core.mean_inputs(model, rows, times[20:])  # earlier commands have settled the actuators
     assert np.abs(later - found[20:]).max() < 1e-3
+
+
+@pytest.mark.parametrize("effect", ["supply_sag", "thrust_droop"])
+@pytest.mark.parametrize("craft", ["hovercraft/tiny_whoover", "hovercraft/mvwt"])
+def test_a_load_is_relative_to_full_input(effect, craft):
+    """Full input loses the part, whatever the number of full input."""
+    model = _core.load_model(str(ROOT / "cfg" / (craft + ".yaml")))
+    model.add_effect(effect)
+    model.set_value(effect + ".part", 0.3)
+    model.set_value(effect + ".time", 0.5)
+    full = model.input_max
+    found = _core.mean_inputs(model, np.array([[0.0, full, full, 1.0]]), np.array([0.0, 0.01, 6.0, 6.1]))
+    assert found[0, 0] == pytest.approx(full, rel=0.02)
+    assert found[-1, :2] == pytest.approx([0.7 * full] * 2, rel=1e-3)

@@ -648,7 +648,8 @@ TEST(StatesOfEffects, MayActOnEachThruster) {
 }
 
 TEST(ExpressionEffect, RefusesBadFormulas) {
-  for (const char* formula : {"c*", "unknown*u", "u=3", "c*u, v", "c*system(1)", "1 + c*u"}) {
+  for (const char* formula :
+       {"c*", "unknown*u", "u=3", "c*u, v", "c*system(1)", "1 + c*u", "c*sqrt(-1)", "c*(0/0)"}) {
     ExpressionDefinition definition = cubicDamping();
     definition.N = formula;
     EXPECT_THROW(makeExpressionEffect(definition), std::invalid_argument) << formula;
