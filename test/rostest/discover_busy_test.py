@@ -15,6 +15,8 @@ from discovery_case import DiscoveryCase
 
 
 class BusyTest(DiscoveryCase):
+    helped = False
+
     def drives(self):
         return self.controller.message.state == ControllerStatus.RUNNING and (
             self.controller.message.elapsed > 0.5
