@@ -163,7 +163,8 @@ def test_the_same_input_gives_the_same_answer(tmp_path, lagging, whole):
 
 @slow
 def test_without_the_right_effect_a_part_stays_unexplained(tmp_path, lagging, unplanned):
-    result = diagnose(*lagging, "--model", MODEL, "-o", tmp_path / "out", "--exclude", "motor_lag")
+    lags = ["motor_lag", "motor_rise_fall", "motor_rate"]
+    result = diagnose(*lagging, "--model", MODEL, "-o", tmp_path / "out", "--exclude", *lags)
     assert result.returncode == 0, result.stderr
     report = json.loads(result.stdout)
     assert report["verdict"] == "memory"  # a lag is a memory of the commands

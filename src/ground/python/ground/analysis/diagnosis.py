@@ -209,7 +209,7 @@ class Diagnosis:
     def grow(self) -> None:
         """Adds the effects that earn their place."""
         with self.work.stage(stages.SEARCHING):
-            found = self._likeliest_set()
+            found = self._simplest(self._likeliest_set())
         self.tried = self._trials()
         for better in self.search.refused(found):
             for name in sorted(better - found):
@@ -243,6 +243,18 @@ class Diagnosis:
             self.work.note("differs between runs: %s" % (", ".join(names) or "nothing"))
             self._begin(differences, self.search.nominal())
             found = self.search.run(near=fit)
+        return found
+
+    def _simplest(self, found: FrozenSet[str]) -> FrozenSet[str]:
+        """The set with an effect in the place of one that contains it, where the difference does not matter:
+        clocks that err by different times make a lag that rises and falls in different times likelier."""
+        for name in sorted(found):
+            inner = self.search.candidates[name].contains
+            if inner in self.search.candidates and inner not in found:
+                simpler = self.search.beside(self.search.without(found, name), inner)
+                fits = self.search.fits
+                if simpler and not self.matter(fits[simpler].model, fits[found].model):
+                    found = simpler
         return found
 
     # Which of the effects found are kept

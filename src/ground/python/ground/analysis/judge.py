@@ -4,7 +4,8 @@ Hypotheses - a model with an effect or a formula and the model without it, one w
 predict the same poses at the horizon that suits the craft, each part of the runs by a fit to the others.
 
 *Veto*: the larger one predicts poses worse, both components together by more than DEVIATIONS standard
-errors, or one of positions and headings by more than one and by more than what matters, where that is said.
+errors, or one of positions and headings by more than one and by more than what matters, where that is said
+and the other does not fall by as much.
 *Proof*: it predicts them better by more than DEVIATIONS standard errors, or makes the held-out innovations
 likelier by as much. Neither: nothing is decided.
 
@@ -71,7 +72,8 @@ def compared(larger: Tested, smaller: Tested, matters: Array) -> Comparison:
     matters, (2,)."""
     gain, gain_error = _gain(larger, smaller)
     rise, rise_error, deviations = _rise(larger, smaller)
-    is_large = any(_rises(larger, smaller, c, matters[c]) for c in range(larger.poses.shape[1]))
+    falls = bool((_rms(larger) < _rms(smaller) - matters).any())
+    is_large = not falls and any(_rises(larger, smaller, c, matters[c]) for c in range(len(matters)))
     if rise > 0 and (is_large or deviations > DEVIATIONS):
         verdict = WORSE
     elif (rise < 0 and -deviations > DEVIATIONS) or gain > DEVIATIONS * gain_error:

@@ -193,6 +193,15 @@ class Search:
             if fit is not None:
                 self.fits[current | set(added)] = fit
 
+    def beside(self, current: FrozenSet[str], name: str) -> Optional[FrozenSet[str]]:
+        """A set with another effect, fitted to the end; None where the motion is not finite with it."""
+        extended = current | {name}
+        self._fit_all(current, [(name,)])
+        if extended not in self.fits:
+            return None
+        self.refine([extended])
+        return extended
+
     def without(self, current: FrozenSet[str], name: str) -> FrozenSet[str]:
         """A set without one of its effects, fitted."""
         return self.without_each(current, [name])[0]

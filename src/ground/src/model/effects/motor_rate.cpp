@@ -10,7 +10,7 @@ namespace ground {
 struct MotorRate {
   static EffectInfo info() {
     return {"motor_rate",
-            "limited rate of the inputs of the thrusters",
+            "limited rate of the thrusters' inputs",
             {{"rate", "1/s", "at which an input changes", kUnbounded, 0.1, kUnbounded,
               [](const Body<double>&) { return 0.1; }, Coordinate::kReciprocal}},
             0,

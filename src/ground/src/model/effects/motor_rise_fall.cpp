@@ -9,7 +9,7 @@ struct MotorRiseFall {
   static EffectInfo info() {
     const auto typical = [](const Body<double>&) { return 0.05; };
     EffectInfo info = {"motor_rise_fall",
-                       "lags of the thrusters that differ for rising and falling commands",
+                       "motor lags that differ for rise and fall",
                        {{"rise", "s", "time constant of speeding up", 0, 0, 2, typical},
                         {"fall", "s", "time constant of slowing down", 0, 0, 2, typical}},
                        0,

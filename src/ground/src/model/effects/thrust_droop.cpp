@@ -10,7 +10,7 @@ namespace ground {
 struct ThrustDroop {
   static EffectInfo info() {
     return {"thrust_droop",
-            "thrusters that weaken under their own load and recover",
+            "thrusters that weaken under own load",
             {{"part", "-", "part of an input that is lost at full load", 0, 0, 1,
               [](const Body<double>&) { return 0.1; }},
              {"time", "s", "time constant of weakening and recovering", 1, 0.02, 3,
