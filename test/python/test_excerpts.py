@@ -82,7 +82,7 @@ def test_a_free_flyer_is_diagnosed_by_parts_of_its_runs(long_runs):
     found.grow()
     concluded = conclude(found)
     assert found.is_excerpt and found.names == {"marker_offset", "floor_tilt"}
-    of_all = {p["name"]: p for p in concluded.parameters}
+    of_all = {p["name"]: p for p in concluded.after.parameters}
     for name, true in {"marker_offset.dx": 0.03, "floor_tilt.sy": 2e-4, "k": given.value("k")}.items():
         low, high = of_all[name]["ci95"]
         assert low - 0.5 * (high - low) < true < high + 0.5 * (high - low), name

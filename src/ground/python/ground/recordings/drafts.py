@@ -173,10 +173,10 @@ def _axes(position: Array, quaternion: Array) -> str:
 
 
 def _pose_order(seen: Seen) -> Tuple[int, float]:
-    """The likely types first, and of them the one that moves most."""
+    """The likely types first, and of them the one that moves most; of those that move alike, the first."""
     order = poses.rank(seen.topic.rsplit("/", 1)[-1], seen.kind)
     moved = np.linalg.norm(np.ptp(seen.rows(seen.pose)[1], axis=0))
-    return (5 if order is None else order), -float(moved)
+    return (5 if order is None else order), -float("%.6g" % moved)
 
 
 def _rate(seen: Seen) -> str:
