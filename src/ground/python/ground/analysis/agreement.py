@@ -70,14 +70,14 @@ def agreement(
         """Logarithm of the squared error, and patterns; None where the motion is not finite."""
         random = np.random.default_rng(seed)
         try:
-            made = [_recorded(run, fit, i, random, True) for i, run in enumerate(runs)]
-            artificial = [run for run, _ in made]
+            pushed = [_recorded(run, fit, i, random, True) for i, run in enumerate(runs)]
+            artificial = [run for run, _ in pushed]
             error = float(squared_errors(artificial, cut, fit.model, scale=runs).mean())
             found = patterns_of(artificial)
             if pairs:
                 width = seconds / patterns.FINEST
-                pushed = [_at(run, push, like, width) for (run, push), like in zip(made, likelihood.runs)]
-                seen_of_push.append(patterns.alike(found.wrenches, pushed) ** 2)
+                known = [_at(run, push, like, width) for (run, push), like in zip(pushed, likelihood.runs)]
+                seen_of_push.append(patterns.alike(found.wrenches, known) ** 2)
             return _numbers(error, found)
         except GroundError:
             return None
@@ -126,7 +126,7 @@ def _common(
 ) -> Common:
     """What is in common, with the uncertainty that artificial recordings without anything in common have; the
     filter sees a part of it only, as of pushes that are known."""
-    seen = max(float(np.mean(seen_of_push)), 1e-3) if seen_of_push else 1e-3
+    seen = max(float(np.mean(sorted(seen_of_push))), 1e-3) if seen_of_push else 1e-3
     deviation = float(artificial.std()) if len(artificial) else np.inf
     low, high = (share + side * DEVIATIONS * deviation for side in (-1, 1))
     return Common(pairs, share / seen, low / seen, high / seen, stands_out)
