@@ -109,7 +109,8 @@ void ObedienceMonitor::addExplanations() {
 }
 
 void ObedienceMonitor::reset() {
-  const InputSequence none(dynamics_.layout().size());
+  InputSequence none(dynamics_.layout().size());
+  none.battery = battery_;
   delayed_.fill(none);
   others_.assign(explanations_.size(), none);
   started_ = false;
@@ -129,6 +130,12 @@ void ObedienceMonitor::command(double time, const Thrusters<double>& thrusters, 
     for (int j = 0; j < inputs.size(); ++j) inputs(j) = e.shares(j) * thrusters(e.swapped ? 1 - j : j);
     others_[i].add(time, inputs, e.lifted ? lift : 0);
   }
+}
+
+void ObedienceMonitor::voltage(double volts) {
+  battery_ = {{0.0}, {volts}};
+  for (InputSequence& commands : delayed_) commands.battery = battery_;
+  for (InputSequence& other : others_) other.battery = battery_;
 }
 
 void ObedienceMonitor::measure(double time, const RigidState<double>& state,

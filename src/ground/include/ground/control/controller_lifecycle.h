@@ -56,6 +56,8 @@ class Pilot {
   /// Called with every command that is sent, by any controller, in order of time (clock of stamps)
   /// [s].
   virtual void commanded(double /*time*/, const Inputs& /*inputs*/) {}
+  /// The voltage of the battery from now on [V], as the craft measures it.
+  virtual void voltage(double /*volts*/) {}
   /// Sets the start of the drive, at which the model's t is 0; see DriveClock::record.
   virtual void driveBegan(double /*began*/, double /*as_of*/) {}
   /// Called when driving begins, at the time `stamp`; not active if it throws.
