@@ -305,6 +305,21 @@ TEST(ObedienceWatch, WaitsForTheNameOfADeadThrusterOnlyForAWhile) {
   EXPECT_NEAR(waited[1], waited[0] + kTimeout, 0.1);
 }
 
+TEST(ObedienceWatch, WaitsAgainAfterASuspicionThatWasWrong) {
+  WatchedFlight flight(table());
+  Thrusters<double> off = Thrusters<double>::filled(8, 1);
+  off(2) = 0;
+  ASSERT_EQ(flight.fly(5).second, "");
+  flight.setShares(off);
+  const double first = flight.fly(20).first;
+  flight.setShares(Thrusters<double>::filled(8, 1));
+  for (int i = 0; i < 2000 && !flight.fly(1).second.empty();) ++i;  // the evidence goes
+  ASSERT_EQ(flight.fly(20).second, "");
+  flight.setShares(off);
+  EXPECT_GT(flight.fly(20).first, kTimeout);
+  EXPECT_GT(first, kTimeout);
+}
+
 TEST(ObedienceWatch, ANewArmingExpectsTheCraftOfTheModel) {
   const Model model = table();
   WatchedFlight flight(model);
