@@ -28,7 +28,7 @@ void iterate(benchmark::State& state, const Model& model, TrackingController& co
     seen.stamp = seen.now = t;
     const Thrusters<double> inputs = controller.decide(seen);
     controller.commanded(t, inputs, 1);
-    dynamics.step(t, seen.state, {{inputs, inputs, inputs}, 1, true}, kPeriod / 4, 4);
+    dynamics.step(t, seen.state, {{inputs, inputs, inputs}, {1, std::nullopt}, true}, kPeriod / 4, 4);
     benchmark::DoNotOptimize(seen.state);
   }
 }

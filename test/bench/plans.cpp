@@ -49,7 +49,7 @@ void setProblem(TrajectoryOptimizer& optimizer, const TrajectoryOptimizer& plan,
   std::vector<ReferencePoint> points;
   for (int k = 1; k <= plan.steps(); ++k)
     points.push_back(reference.at(std::max(0.0, since + plan.step() * k)));
-  optimizer.setProblem(since, plan.states().front(), 1, plan.missing(), points);
+  optimizer.setProblem(since, plan.states().front(), {1, std::nullopt}, plan.missing(), points);
 }
 
 /// The cost of a plan above that of the plan improved until it gets no better, relative to the latter.

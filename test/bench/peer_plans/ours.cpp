@@ -36,7 +36,8 @@ TrajectoryOptimizer& optimizerOf(const PlanProblem& problem) {
     references[static_cast<std::size_t>(k)].p_dot = {row[2], row[3]};
   }
   optimizer->setWeights(params);
-  optimizer->setProblem(0, start, 1, Eigen::Map<const Vector3<double>>(problem.missing), references);
+  optimizer->setProblem(0, start, {1, std::nullopt}, Eigen::Map<const Vector3<double>>(problem.missing),
+                        references);
   return *optimizer;
 }
 

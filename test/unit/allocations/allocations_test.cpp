@@ -61,7 +61,7 @@ long allocationsOf(TrackingController& controller, const Model& model, int count
     const Thrusters<double> inputs = controller.decide(seen);
     controller.commanded(t, inputs, 1);
     EXPECT_TRUE(asVector(inputs).allFinite());
-    dynamics.step(t, seen.state, dynamics.actuate(inputs, 1, 0.02, actuators.data()), 0.02);
+    dynamics.step(t, seen.state, dynamics.actuate(inputs, {1, std::nullopt}, 0.02, actuators.data()), 0.02);
   }
   return allocations - before;
 }

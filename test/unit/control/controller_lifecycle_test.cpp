@@ -202,6 +202,54 @@ TEST_F(Lifecycle, TheFenceStopsItBeforeAWall) {
   EXPECT_NE(life.reason().find("from a wall of the room"), std::string::npos) << life.reason();
 }
 
+TEST_F(Lifecycle, TheFenceCarriesOnFromTheLastValidState) {
+  Room room;
+  room.margin = 0.2;
+  room.braking = 1;
+  room.latency = 0.1;
+  life.setFence(Fence(room, room.margin));
+  drive();
+  measured.state.nu.x() = 1;
+  for (; measured.state.eta.x() < 1; measured.state.eta.x() += kFrame) pass(kFrame);
+  ASSERT_EQ(life.current(), State::kRunning) << life.reason();  // the fence stops it in 0.2 s
+  measured.valid = false;  // such as a pose that seems to lean: a fresh stamp, the old place
+  pass(0.25);
+  EXPECT_EQ(life.current(), State::kStopped);
+  EXPECT_NE(life.reason().find("from a wall of the room"), std::string::npos) << life.reason();
+}
+
+/// Counts what decides what a life cycle does next.
+struct Memory {
+  int size = 0;
+  template <class T>
+  void value(const T&) {
+    ++size;
+  }
+  void deadline(double) { ++size; }
+  void since(double) { ++size; }
+  void stamp(double) { ++size; }
+};
+
+TEST_F(Lifecycle, RemembersNoMoreAfterTheClockWasSetBack) {
+  time = next_frame = 100;
+  const auto drives = [&] {
+    drive();
+    for (int i = 0; i < 50; ++i) {
+      pilot.accelerates = 0.01 * (1 + i % 2);
+      pass(0.04);
+    }
+    Memory memory;
+    life.visit(memory);
+    return memory.size;
+  };
+  const int usual = drives();
+  time -= 60;
+  next_frame -= 60;
+  life.timeJumped(now(), "time jumped");
+  EXPECT_EQ(life.current(), State::kStopped);
+  EXPECT_LE(drives(), usual + 10);
+}
+
 TEST_F(Lifecycle, StopsAtOnceForImpossibleStates) {
   drive();
   measured.state.eta.x() = 1;

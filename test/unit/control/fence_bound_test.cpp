@@ -10,7 +10,8 @@
 
 #include "ground/control/controllers.h"
 #include "ground/control/reference_pilot.h"
-#include "ground/model/model.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/model_file.h"
 
 namespace ground {
 namespace fence_bound_test {
@@ -82,10 +83,23 @@ TEST(FenceBound, FullAccelerationIsThatOfAllThrusters) {
   Model model;
   model.body.k = 0.05;
   model.body.m = 0.1;
+  model.body.I_z = 1e-3;
   model.body.input_max = 0.8;
   auto controller = makeController(model, ControllerChoice());
   pilot.swapController(controller, model);
   EXPECT_NEAR(fullAcceleration(pilot), 2 * 0.05 * 0.8 / 0.1, 1e-12);
+}
+
+TEST(FenceBound, FullAccelerationFollowsTheVoltage) {
+  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  model.body.volts = 7.4;
+  model.addEffect(makeEffect("battery_voltage"));
+  model.setValue("battery_voltage.p", 2);
+  ReferencePilot pilot([] { return 0.0; }, nullptr);
+  pilot.setCraft(model);
+  const double unknown = fullAcceleration(pilot);
+  pilot.voltage(8.4);
+  EXPECT_NEAR(fullAcceleration(pilot), std::pow(8.4 / 7.4, 2) * unknown, 1e-9 * unknown);
 }
 
 TEST(FenceBound, FallsWithAllThatGoesWrongAndIsScaleFree) {

@@ -113,7 +113,7 @@ TEST_P(Plans, AreOptimalWithinTheBounds) {
   TrajectoryOptimizer::State start = TrajectoryOptimizer::State::Zero();
   start.head<6>() << 0.97, -0.01, 1.5, 0.75, 0.02, 0.7;
   if (GetParam().walls) plan.setWalls(nearWalls());
-  plan.setProblem(0, start, 1.0, {0.05, -0.02, 0.4}, points);
+  plan.setProblem(0, start, {1, std::nullopt}, {0.05, -0.02, 0.4}, points);
   for (auto& input : plan.newInputs()) asVector(input).setConstant(0.5);
   double cost = plan.rollOut();
   const double first = cost;
@@ -194,7 +194,7 @@ TEST_P(Continued, NeverCostMoreThanTheSameInputsAndMostlyMuchLess) {
   for (double shift : {0.0, 0.02, 0.05, 0.13, 1.0, 1.99, 3.0, 1e9}) {
     for (double far : {0.0, 1e-3, 0.01, 0.1, 1.0}) {
       const auto plan = std::make_unique<TrajectoryOptimizer>(model, kSteps, kStep);
-      plan->setProblem(0, near(0.02, random), 1, {0, 0, 0}, ahead(0));
+      plan->setProblem(0, near(0.02, random), {1, std::nullopt}, {0, 0, 0}, ahead(0));
       plan->rollOut();
       improved(*plan, 20);
       // The planned inputs alone, each the mean of those that were planned for its time.
@@ -210,7 +210,7 @@ TEST_P(Continued, NeverCostMoreThanTheSameInputsAndMostlyMuchLess) {
       }
       const State start = plan->states()[shift < 1 ? 1 : 0] + far * (near(1, random) - near(0, random));
       for (TrajectoryOptimizer* one : {plan.get(), same.get()})
-        one->setProblem(shift, start, 1, {0, 0, 0}, ahead(std::min(shift, 10.0)));
+        one->setProblem(shift, start, {1, std::nullopt}, {0, 0, 0}, ahead(std::min(shift, 10.0)));
       const double open = same->rollOut(), cost = plan->warmStart(shift);
       EXPECT_LE(cost, open * (1 + 1e-9)) << shift << ' ' << far;
       EXPECT_EQ(cost, plan->cost());
@@ -241,7 +241,7 @@ TEST(TrajectoryOptimizer, ANewSeedCostsWhatItCostsAloneHoweverTheOneBeforeFailed
   const auto alone = std::make_unique<TrajectoryOptimizer>(craft(), kSteps, kStep);
   const auto used = std::make_unique<TrajectoryOptimizer>(craft(), kSteps, kStep);
   for (TrajectoryOptimizer* plan : {alone.get(), used.get()})
-    plan->setProblem(0, start, 1, {0, 0, 0}, ahead(0));
+    plan->setProblem(0, start, {1, std::nullopt}, {0, 0, 0}, ahead(0));
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   for (auto& input : used->newInputs()) input = {kNan, kNan};
   used->rollOut();
@@ -254,13 +254,13 @@ TEST(TrajectoryOptimizer, CarriesOnWhenTheHeadingWasWrapped) {
   const State begin = near(0.02, random);
   const auto costFrom = [&](double turns) {
     const auto plan = std::make_unique<TrajectoryOptimizer>(craft(), kSteps, kStep);
-    plan->setProblem(0, begin, 1, {0, 0, 0}, ahead(0));
+    plan->setProblem(0, begin, {1, std::nullopt}, {0, 0, 0}, ahead(0));
     plan->rollOut();
     improved(*plan, 20);
     State start = plan->states()[0];
     start(0) += 0.03;
     start(2) += 2 * M_PI * turns;
-    plan->setProblem(0, start, 1, {0, 0, 0}, ahead(0));
+    plan->setProblem(0, start, {1, std::nullopt}, {0, 0, 0}, ahead(0));
     return plan->warmStart(0);
   };
   EXPECT_NEAR(costFrom(1), costFrom(0), 1e-9 * costFrom(0));
@@ -278,7 +278,8 @@ void track(const Model& truth, PredictiveControl& control, const ReferenceTrajec
   for (int i = 0; i < duration * 50; ++i) {
     const double t = i / 50.0;
     simulation.advance(t);
-    const Thrusters<double> chosen = control.decide({t, t, simulation.state(), &reference, 0, 1.0});
+    const Thrusters<double> chosen =
+        control.decide({t, t, simulation.state(), &reference, 0, {1, std::nullopt}});
     control.commanded(t, chosen, 1);
     const double most = truth.body.input_max;
     ASSERT_TRUE(truth.thrusters->clipped(chosen, most) == chosen);
@@ -335,9 +336,9 @@ TEST(PredictiveControl, GivesNoThrustWhileTheStateIsNotFinite) {
   RigidState<double> good, bad;
   good.eta << 2, 0, 1.57;
   bad.eta << std::nan(""), 0, 0;
-  EXPECT_GT(asVector(control.decide({0.00, 0.00, good, circle.get(), 0, 1})).norm(), 0);
-  EXPECT_EQ(asVector(control.decide({0.02, 0.02, bad, circle.get(), 0, 1})).norm(), 0);
-  EXPECT_GT(asVector(control.decide({0.04, 0.04, good, circle.get(), 0, 1})).norm(), 0);
+  EXPECT_GT(asVector(control.decide({0.00, 0.00, good, circle.get(), 0, {1, std::nullopt}})).norm(), 0);
+  EXPECT_EQ(asVector(control.decide({0.02, 0.02, bad, circle.get(), 0, {1, std::nullopt}})).norm(), 0);
+  EXPECT_GT(asVector(control.decide({0.04, 0.04, good, circle.get(), 0, {1, std::nullopt}})).norm(), 0);
 }
 
 /// Sum of the squares by which a plan comes too near to nearWalls().
@@ -346,7 +347,7 @@ double excessOf(PredictiveControl& control) {
   RigidState<double> state;
   state.eta << 1, 0, M_PI / 2;
   state.nu << 0.8, 0, 0.8;
-  for (int i = 0; i < 10; ++i) control.decide({0, 0, state, circle.get(), 0, 1});
+  for (int i = 0; i < 10; ++i) control.decide({0, 0, state, circle.get(), 0, {1, std::nullopt}});
   double sum = 0;
   for (const State& at : control.plan().states()) {
     Eigen::Matrix<double, 1, 5> unused;
@@ -378,7 +379,7 @@ double leastCost(const Model& model, const RigidState<double>& start, std::mt199
   State state = State::Zero();
   state.head<3>() = start.eta;
   state.segment<3>(3) = start.nu;
-  plan->setProblem(0, state, 1, {0, 0, 0}, ahead(0));
+  plan->setProblem(0, state, {1, std::nullopt}, {0, 0, 0}, ahead(0));
   std::uniform_real_distribution<double> uniform(0, 1);
   double least = std::numeric_limits<double>::infinity();
   for (int trial = 0; trial < 32; ++trial) {
@@ -407,7 +408,7 @@ TEST(PredictiveControl, FindsTheBestValleyFromColdStarts) {
     PredictiveControl control(model, {});
     double cost = std::numeric_limits<double>::infinity();
     for (int decision = 0; decision < 20; ++decision) {
-      control.decide({0, 0, start, circle.get(), 0, 1});
+      control.decide({0, 0, start, circle.get(), 0, {1, std::nullopt}});
       EXPECT_LE(control.plan().cost(), cost * (1 + 1e-9)) << "the same problem again";
       cost = control.plan().cost();
     }
@@ -436,7 +437,7 @@ std::array<double, 2> costsBy(double deadline) {
     state.eta << -2, 2 + 0.1 * static_cast<double>(i), 3;
     const double t = 0.02 * static_cast<double>(i);
     const double began = clock.now + clock.reading;
-    const Thrusters<double> chosen = control.decide({t, t, state, circle.get(), 0, 1});
+    const Thrusters<double> chosen = control.decide({t, t, state, circle.get(), 0, {1, std::nullopt}});
     EXPECT_TRUE(asVector(chosen).allFinite());
     if (deadline > 0) {
       EXPECT_LE(clock.now - began, deadline * (1 + 1e-9) + 1e-12) << deadline;

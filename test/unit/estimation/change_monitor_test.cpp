@@ -369,8 +369,8 @@ TEST(CraftChange, WeakensOneThruster) {
       for (int j = 0; j < change.thrusters(); ++j) {
         Thrusters<double> input = Thrusters<double>::zero(change.thrusters());
         input(j) = 0.5;
-        const Vector3<double> was = before.derivative(0, {}, input, 1).nu,
-                              is = after.derivative(0, {}, input, 1).nu;
+        const Vector3<double> was = before.derivative(0, {}, input, {1, std::nullopt}).nu,
+                              is = after.derivative(0, {}, input, {1, std::nullopt}).nu;
         EXPECT_TRUE(is.isApprox((i == j ? 0.7 : 1) * was, 1e-9)) << i << ' ' << j;
       }
     }

@@ -9,6 +9,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <optional>
 #include <random>
 #include <string>
 #include <utility>
@@ -211,6 +212,7 @@ class WatchedFlight {
 
   /// The force of each thruster from now on, over that of the model.
   void setShares(const Thrusters<double>& shares) { shares_ = shares; }
+  std::optional<double> volts;  ///< of the battery [V]
   ObedienceWatch& watch() { return watch_; }
   /// Flies for `duration` [s]; returns when and what the watch first reported [s since now], or infinity.
   std::pair<double, std::string> fly(double duration, bool armed = true) {
@@ -227,7 +229,7 @@ class WatchedFlight {
       for (int j = 0; j < layout.size(); ++j) forced(j) *= shares_(j);
       double t = 0;
       const Dynamics<double> dynamics(truth_);
-      dynamics.step(t, state_, dynamics.actuate(forced, 1, 0.01, nullptr), 0.01);
+      dynamics.step(t, state_, dynamics.actuate(forced, {1, volts}, 0.01, nullptr), 0.01);
       time_ += 0.01;
       RigidState<double> seen = state_;
       for (int j = 0; j < 3; ++j) seen.nu(j) += noise(j) * normal(random_);
@@ -246,6 +248,19 @@ class WatchedFlight {
   RigidState<double> state_;
   double time_ = 1e9;
 };
+
+TEST(ObedienceWatch, KnowsTheVoltageThatTheCraftReports) {
+  Model model = craft();
+  model.body.volts = 7.4;
+  model.addEffect(makeEffect("battery_voltage"));
+  model.setValue("battery_voltage.p", 2);
+  for (const bool told : {false, true}) {
+    WatchedFlight flight(model);
+    flight.volts = 2.4;  // a tenth of the thrust
+    if (told) flight.watch().voltage(*flight.volts);
+    EXPECT_EQ(std::isinf(flight.fly(20).first), told);
+  }
+}
 
 Model table() { return loadModel("cfg/craft/air_table.yaml"); }
 
@@ -288,6 +303,21 @@ TEST(ObedienceWatch, WaitsForTheNameOfADeadThrusterOnlyForAWhile) {
     waited[adapts] = time;
   }
   EXPECT_NEAR(waited[1], waited[0] + kTimeout, 0.1);
+}
+
+TEST(ObedienceWatch, WaitsAgainAfterASuspicionThatWasWrong) {
+  WatchedFlight flight(table());
+  Thrusters<double> off = Thrusters<double>::filled(8, 1);
+  off(2) = 0;
+  ASSERT_EQ(flight.fly(5).second, "");
+  flight.setShares(off);
+  const double first = flight.fly(20).first;
+  flight.setShares(Thrusters<double>::filled(8, 1));
+  for (int i = 0; i < 2000 && !flight.fly(1).second.empty();) ++i;  // the evidence goes
+  ASSERT_EQ(flight.fly(20).second, "");
+  flight.setShares(off);
+  EXPECT_GT(flight.fly(20).first, kTimeout);
+  EXPECT_GT(first, kTimeout);
 }
 
 TEST(ObedienceWatch, ANewArmingExpectsTheCraftOfTheModel) {

@@ -69,7 +69,8 @@ double errorOf(const Model& truth, TrackingController& control, const ReferenceT
   for (int i = 0; i < duration * 50; ++i) {
     const double t = i / 50.0;
     simulation.advance(t);
-    const Thrusters<double> chosen = control.decide({t, t, simulation.state(), &reference, 0, 1.0});
+    const Thrusters<double> chosen =
+        control.decide({t, t, simulation.state(), &reference, 0, {1, std::nullopt}});
     EXPECT_TRUE(truth.thrusters->clipped(chosen, truth.body.input_max) == chosen) << t;
     control.commanded(t, chosen, 1);
     inputs.add(t, chosen, 1);

@@ -197,7 +197,7 @@ INSTANTIATE_TEST_SUITE_P(Library, EveryEffect, testing::ValuesIn(effectNames()),
 
 RigidState<double> acceleration(const Model& model, const RigidState<double>& state,
                                 const Vector2<double>& input = {0, 0}, double t = 0) {
-  return Dynamics<double>(model).derivative(t, state, input, 1.0);
+  return Dynamics<double>(model).derivative(t, state, input, {1.0, std::nullopt});
 }
 
 TEST(Physics, ComOffsetIsTheSameCraftSeenFromAnotherPoint) {
@@ -283,7 +283,7 @@ TEST(Physics, SkirtFrictionIsDryFrictionThatVanishesWithLift) {
   RigidState<double> state;
   state.nu << 0.4, -0.3, 2.0;
   const auto at = [&](const Model& model, double lift) {
-    return Dynamics<double>(model).derivative(0, state, {0.5, 0.2}, lift).nu;
+    return Dynamics<double>(model).derivative(0, state, {0.5, 0.2}, {lift, std::nullopt}).nu;
   };
   EXPECT_LT((at(skirt, 0.75) - at(dry, 0.75)).norm(), 1e-12);
   EXPECT_GT((at(tinyWhoover(), 0.75) - at(dry, 0.75)).norm(), 0.1);
@@ -443,7 +443,7 @@ TEST(ExpressionEffect, DerivativesOfAllFunctionsAreExact) {
     RigidState<Jet> state = {};
     RigidState<double> near = {};
     for (int i = 0; i < 3; ++i) state.nu(i) = Jet(near.nu(i) = 0.3 + 0.4 * i, i);
-    const Jet exact = Dynamics<Jet>(model).derivative(0.0, state, {0.0, 0.0}, 1.0).nu.z();
+    const Jet exact = Dynamics<Jet>(model).derivative(0.0, state, {0.0, 0.0}, {1.0, std::nullopt}).nu.z();
     for (int i = 0; i < 3; ++i) {
       constexpr double kStep = 1e-6;
       RigidState<double> up = near, down = near;
@@ -463,7 +463,7 @@ TEST(ExpressionEffect, HasNoSlopeWhereAFiniteValueHasNone) {
   model.setValue("cubic_damping.c", 1.0);
   RigidState<Jet> rest = {};
   for (int i = 0; i < 3; ++i) rest.nu(i) = Jet(0.0, i);
-  const Jet found = Dynamics<Jet>(model).derivative(0.0, rest, {0.0, 0.0}, 1.0).nu.z();
+  const Jet found = Dynamics<Jet>(model).derivative(0.0, rest, {0.0, 0.0}, {1.0, std::nullopt}).nu.z();
   EXPECT_EQ(found.v[0], 0.0);
   EXPECT_EQ(found.v[1], 0.0);
 }
@@ -641,7 +641,9 @@ TEST(StatesOfEffects, MayActOnEachThruster) {
   const Model model = withSkirt(droop, 0.01, 0.2);
   const Dynamics<double> dynamics(model), nominal(tinyWhoover());
   const double full = 1;
-  const auto at = [&](const Dynamics<double>& d) { return d.derivative(0, {}, {0.5, 0.25}, 1, &full).nu; };
+  const auto at = [&](const Dynamics<double>& d) {
+    return d.derivative(0, {}, {0.5, 0.25}, {1, std::nullopt}, &full).nu;
+  };
   const Vector3<double> change = at(dynamics) - at(nominal);
   EXPECT_NEAR(change.x(), 0, 1e-12);
   EXPECT_NEAR(change.z(), -0.01 * model.body.l / model.body.I_z, 1e-9);

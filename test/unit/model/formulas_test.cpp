@@ -146,7 +146,8 @@ TEST_P(Formulas, GiveTheAcceleration) {
     RigidState<double> state;
     state.eta.z() = at.psi;
     state.nu << at.u, at.v, at.r;
-    const Vector3<double> found = dynamics.derivative(at.t, state, {at.left, at.right}, at.lift).nu;
+    const Vector3<double> found =
+        dynamics.derivative(at.t, state, {at.left, at.right}, {at.lift, std::nullopt}).nu;
     const Vector3<double> wanted = accelerationOf(model, at);
     const bool smooth = model.hasEffect("coulomb_friction") || model.hasEffect("skirt_friction") ||
                         model.hasEffect("directional_yaw_damping");
@@ -180,8 +181,8 @@ TEST(DryFriction, IsOddAndPassesThroughZero) {
     const auto friction = [&](double along, double turn) {
       RigidState<double> state;
       state.nu << 0.6 * along, 0.8 * along, turn;
-      return Vector3<double>(with.derivative(0, state, {0, 0}, 0.5).nu -
-                             without.derivative(0, state, {0, 0}, 0.5).nu);
+      return Vector3<double>(with.derivative(0, state, {0, 0}, {0.5, std::nullopt}).nu -
+                             without.derivative(0, state, {0, 0}, {0.5, std::nullopt}).nu);
     };
     EXPECT_EQ(friction(0, 0).norm(), 0) << name;
     Vector3<double> before = Vector3<double>::Zero();

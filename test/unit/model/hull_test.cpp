@@ -29,7 +29,7 @@ RigidState<double> moving(double u, double v, double r, double psi = 0) {
 }
 
 Vector3<double> accelerationOf(const Dynamics<double>& dynamics, const RigidState<double>& state) {
-  return dynamics.derivative(0, state, {0.4, 0.7}, 1.0).nu;
+  return dynamics.derivative(0, state, {0.4, 0.7}, {1.0, std::nullopt}).nu;
 }
 
 /// Wrench that an effect adds to the craft, which is not coupled.

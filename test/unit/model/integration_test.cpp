@@ -22,7 +22,7 @@ RigidState<double> stepSizeStudy(double h, double duration) {
   for (int i = 0; i < steps; ++i) {
     const double t = i * h;
     double now = t;
-    dynamics.step(now, state, {{input(t), input(t + h / 2), input(t + h)}, 1.0}, h);
+    dynamics.step(now, state, {{input(t), input(t + h / 2), input(t + h)}, {1.0, std::nullopt}}, h);
   }
   return state;
 }

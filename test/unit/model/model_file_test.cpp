@@ -98,7 +98,9 @@ TEST(ModelFile, RoundTrip) {
 
   RigidState<double> state;
   state.eta << 0.2, 0, 0.7;
-  const auto force = [&](const Model& m) { return Dynamics<double>(m).derivative(0, state, {0, 0}, 1).nu; };
+  const auto force = [&](const Model& m) {
+    return Dynamics<double>(m).derivative(0, state, {0, 0}, {1, std::nullopt}).nu;
+  };
   EXPECT_EQ(force(back), force(model));
 }
 

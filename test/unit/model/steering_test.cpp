@@ -37,7 +37,7 @@ RigidState<double> moving(double u, double v, double r) { return {{0.3, -0.2, 0.
 
 Vector3<double> acceleration(const Model& model, const RigidState<double>& state,
                              const Thrusters<double>& input) {
-  return Dynamics<double>(model).derivative(0.5, state, input, 1).nu;
+  return Dynamics<double>(model).derivative(0.5, state, input, {1, std::nullopt}).nu;
 }
 
 std::string refusal(const std::string& thrusters) {
@@ -130,11 +130,14 @@ TEST(Foil, HasExactDerivatives) {
       const double h = 1e-6 * std::max(1.0, std::abs(low[static_cast<std::size_t>(p)]));
       low[static_cast<std::size_t>(p)] -= h;
       high[static_cast<std::size_t>(p)] += h;
-      const Vector3<double> slope = (Dynamics<double>(model, high).derivative(0, state, input, 1).nu -
-                                     Dynamics<double>(model, low).derivative(0, state, input, 1).nu) /
-                                    (2 * h);
+      const Vector3<double> slope =
+          (Dynamics<double>(model, high).derivative(0, state, input, {1, std::nullopt}).nu -
+           Dynamics<double>(model, low).derivative(0, state, input, {1, std::nullopt}).nu) /
+          (2 * h);
       const Vector3<Jet> exact =
-          Dynamics<Jet>(model, at).derivative(Jet(0.0), cast<Jet>(state), input.cast<Jet>(), 1).nu;
+          Dynamics<Jet>(model, at)
+              .derivative(Jet(0.0), cast<Jet>(state), input.cast<Jet>(), {1, std::nullopt})
+              .nu;
       for (int c = 0; c < 3; ++c)
         EXPECT_NEAR(exact(c).v[0], slope(c), 1e-6 * (1 + std::abs(slope(c)))) << model.parameters()[p].name;
     }
@@ -284,7 +287,7 @@ TEST(Steering, ARampIsIntegratedExactly) {
   const auto mean = [&](double h) {
     double state = 0, sum = 0;
     for (double t = 0; t < 0.3 - 1e-9; t += h) {
-      const StepInputs<double> at = dynamics.actuate({0.5, 1}, 1, h, &state);
+      const StepInputs<double> at = dynamics.actuate({0.5, 1}, {1, std::nullopt}, h, &state);
       sum += h / 6 * (at.thrusters[0](1) + 4 * at.thrusters[1](1) + at.thrusters[2](1));
     }
     return sum / 0.3;

@@ -47,7 +47,7 @@ RigidState<double> someState() { return {{0.3, -0.2, 0.7}, {0.4, -0.3, 1.2}}; }
 
 Vector3<double> accelerationOf(const Model& model, const Thrusters<double>& input) {
   const Dynamics<double> dynamics(model);
-  return dynamics.derivative(0.5, someState(), input, 1).nu;
+  return dynamics.derivative(0.5, someState(), input, {1, std::nullopt}).nu;
 }
 
 /// The same craft whose left and right thruster are listed.
@@ -390,7 +390,8 @@ TEST(ThrusterEffects, FormulasKnowThrustersByNameAndNumber) {
   RigidState<Jet> state;
   Thrusters<Jet> jets = input.cast<Jet>();
   jets(0) = Jet(0.5, 1);
-  const Vector3<Jet> nu = Dynamics<Jet>(model, seeded).derivative(Jet(0.0), state, jets, 1).nu;
+  const Vector3<Jet> nu =
+      Dynamics<Jet>(model, seeded).derivative(Jet(0.0), state, jets, {1, std::nullopt}).nu;
   EXPECT_NEAR(nu(0).v[0], 0.25 / 0.1763, 1e-9);
   EXPECT_NEAR(nu(0).v[1], (0.06 + 0.01 * 2 * 0.5) / 0.1763, 1e-6) << "u_1 and u_back_left are one";
 }

@@ -33,9 +33,9 @@ struct LifecycleSpec {
   bool closed_loop = true;
   State state = State::kIdle;
   bool armed = false, lifted = false;
-  std::optional<Seen> seen;
+  std::optional<Seen> seen, trusted;  ///< the last state, and the last one that is valid and finite
   Fence fence{Room(), 0.2};
-  std::vector<Push> pushes;  ///< at the time of the last state, and since then
+  std::vector<Push> pushes;  ///< at the time of the last trusted state, and since then
   double known_x = 0, known_u = 0, known_heading = 0,
          known_stamp = 0;  ///< of the last state used for control
   double seen_at = 0, started_at = 0, others_until = -1e9;
@@ -64,21 +64,22 @@ struct LifecycleSpec {
   }
   /// Notes a command on the wire by the acceleration that it causes.
   void sends(Instant now, double acceleration) {
-    if (!seen) pushes.clear();
+    if (!trusted) pushes.clear();
     if (pushes.empty() || pushes.back().acceleration != acceleration)
       pushes.push_back({now.time, acceleration});
   }
-  /// Whether the craft could leave the room, by the last state and all thrust since then.
+  /// Whether the craft could leave the room, by the last trusted state and all thrust since then.
   bool leaves(Instant now) const {
-    if (!params.require_state || !seen || !seen->finite) return false;
+    if (!params.require_state || !trusted) return false;
     Fence::Thrusts thrusts;
     for (std::size_t i = 0; i < pushes.size(); ++i) {
       const double until = i + 1 < pushes.size() ? pushes[i + 1].since : now.time;
-      const double lasted = std::max(0.0, until - std::max(pushes[i].since, seen->stamp));
+      const double lasted = std::max(0.0, until - std::max(pushes[i].since, trusted->stamp));
       thrusts.push_back({{pushes[i].acceleration, 0}, lasted});
     }
-    RigidState<double> craft{Vector3<double>(seen->x, 0, seen->heading), Vector3<double>(seen->u, 0, 0)};
-    return !fence.objection(craft, now.time - seen->stamp, thrusts).empty();
+    RigidState<double> craft{Vector3<double>(trusted->x, 0, trusted->heading),
+                             Vector3<double>(trusted->u, 0, 0)};
+    return !fence.objection(craft, now.time - trusted->stamp, thrusts).empty();
   }
 
   /// Time to the next limit that a tick must not miss [s]; infinite if there is none.
@@ -123,11 +124,21 @@ struct LifecycleSpec {
     if (driving() && now.time >= running_since + end) change(State::kDone);
   }
 
+  /// The clock of stamps was set: what was seen and pushed by it counts no more.
+  void clockSet() {
+    if (flying()) change(State::kStopped);
+    trusted.reset();
+    pushes.clear();
+  }
+
   void measure(Instant now, const Seen& measured) {
     if (!params.require_state) return;
     seen = measured;
     seen_at = now.steady;
-    while (pushes.size() > 1 && pushes[1].since <= measured.stamp) pushes.erase(pushes.begin());
+    if (measured.valid && measured.finite) {
+      trusted = measured;
+      while (pushes.size() > 1 && pushes[1].since <= measured.stamp) pushes.erase(pushes.begin());
+    }
     if (driving() && measured.valid && measured.finite) {
       const double dt = std::max(0.0, measured.stamp - known_stamp);
       const bool jumped = std::abs(measured.x - known_x - known_u * dt) > kJump + kJumpSpeed * dt ||
@@ -171,7 +182,7 @@ struct LifecycleSpec {
     if (lost_since) v.since(*lost_since);
     if (seen) v.deadline(seen_at + params.state_timeout);
     for (const Push& one : pushes) {
-      v.stamp(seen ? std::max(one.since, seen->stamp) : one.since);
+      v.stamp(trusted ? std::max(one.since, trusted->stamp) : one.since);
       v.value(one.acceleration);
     }
     for (const bool flag : {armed, lifted, seen && seen->valid, seen && seen->finite}) v.value(flag);

@@ -224,7 +224,7 @@ void LifecycleWorld::clockSet(double by) {
   const Before seen = before();
   ahead_ += onTick(by);
   if (std::abs(by) > kDrift) {
-    if (spec_.flying()) spec_.change(LifecycleSpec::State::kStopped);
+    spec_.clockSet();
     life_.timeJumped(instant(), "time jumped");
   }
   check(seen, "clock");

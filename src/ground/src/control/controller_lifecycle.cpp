@@ -77,7 +77,10 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (!params_.require_state) return;
   measured_ = measured;
   measured_at_ = now.steady;
-  forgetThrusts(thrusts_, measured.stamp);
+  if (measured.valid && stateIsFinite()) {
+    trusted_ = measured;
+    forgetThrusts(thrusts_, measured.stamp);
+  }
   if (driving() && measured.valid && stateIsFinite()) {
     const std::string jump = jumped(measured);
     known_ = measured;
@@ -97,6 +100,8 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
 }
 
 void ControllerLifecycle::timeJumped(Instant now, const std::string& what) {
+  trusted_.reset();  // of the clock as it was
+  thrusts_.clear();
   if (flying()) enter(now, State::kStopped, what);
 }
 
@@ -197,19 +202,19 @@ bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
 
 /// Why the craft has to be stopped to stay inside; empty if it may continue.
 std::string ControllerLifecycle::fenceProblem(Instant now) const {
-  if (!fence_ || !stateIsFinite()) return "";
+  if (!fence_ || !trusted_ || !params_.require_state) return "";
   Fence::Thrusts thrusts;
   for (std::size_t i = 0; i < thrusts_.size(); ++i) {
-    const double begin = std::max(thrusts_[i].since, measured_->stamp);
+    const double begin = std::max(thrusts_[i].since, trusted_->stamp);
     const double end = i + 1 < thrusts_.size() ? thrusts_[i + 1].since : now.time;
     thrusts.push_back({thrusts_[i].acceleration, std::max(0.0, end - begin)});
   }
-  return fence_->objection(measured_->state, now.time - measured_->stamp, thrusts);
+  return fence_->objection(trusted_->state, now.time - trusted_->stamp, thrusts);
 }
 
 /// Stores the thrust of a command for the fence.
 void ControllerLifecycle::noteThrust(double time, const Inputs& inputs) {
-  if (!measured_) thrusts_.clear();  // only the last one may count
+  if (!trusted_) thrusts_.clear();  // only the last one may count
   const Vector2<double> acceleration =
       ask([&] { return pilot_.acceleration(inputs); }, Vector2<double>(0, 0));
   if (thrusts_.empty() || thrusts_.back().acceleration != acceleration)

@@ -40,6 +40,7 @@ double fullAcceleration(const Pilot& pilot) {
   for (int i = 0; i < layout.size(); ++i) combinations *= 3;
   for (int combination = 0; combination < combinations; ++combination) {
     Inputs inputs = Inputs::off(layout.size());
+    inputs.lift = 1;
     for (int i = 0, digits = combination; i < layout.size(); ++i, digits /= 3)
       inputs.thrusters(i) = std::array{layout[i].least, 0.0, layout[i].most}[digits % 3];
     largest = std::max(largest, pilot.acceleration(inputs).norm());

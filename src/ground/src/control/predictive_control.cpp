@@ -216,6 +216,7 @@ Thrusters<double> PredictiveControl::decide(const Observation& seen) {
   budget_.start(params_.deadline);
   wanted_ = Thrusters<double>::zero(forward_.size());
   observer_.countFrom(seen.drive_start);
+  observer_.voltage(seen.given.volts);
   observer_.measure(seen.stamp, seen.state);
   const double acts = seen.now + observer_.delay();
   start_ = observer_.at(acts);
@@ -232,7 +233,7 @@ Thrusters<double> PredictiveControl::decide(const Observation& seen) {
     references_[k] =
         seen.reference->at(std::max(0.0, since + static_cast<double>(k + 1) * best_.plan->step()));
   for (Contender* one : {&best_, &others_[0], &others_[1]})
-    one->plan->setProblem(acts - seen.drive_start, state, seen.lift, start_.missing, references_);
+    one->plan->setProblem(acts - seen.drive_start, state, seen.given, start_.missing, references_);
 
   has_seeds_ = false;
   warmStart(acts);

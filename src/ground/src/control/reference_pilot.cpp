@@ -25,7 +25,7 @@ ReferencePilot::ReferencePilot(Clock clock, Decided decided, Clock steady)
 
 void ReferencePilot::setCraft(const Model& model) {
   input_max_ = model.body.input_max;
-  push_ = model.body.k / model.body.m;
+  craft_.emplace(model);
   thrusters_ = model.thrusters;
 }
 
@@ -39,6 +39,7 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
   if (!expects_obedience_) return;
   obedience_.emplace(model);
   obedience_->setPatience(patience_);
+  if (volts_) obedience_->voltage(*volts_);
 }
 
 void ReferencePilot::swapReference(ReferencePtr& reference) {
@@ -55,9 +56,18 @@ void ReferencePilot::goHome(const Room& room, const std::string& why) {
 }
 
 Vector2<double> ReferencePilot::acceleration(const Inputs& inputs) const {
-  if (push_ == 0) return {0, 0};
+  if (!craft_) return {0, 0};
+  const RigidState<double> rest{Vector3<double>::Zero(), Vector3<double>::Zero()};
+  const auto at = [&](const Thrusters<double>& thrusters) -> Vector2<double> {
+    return craft_->derivative(0.0, rest, thrusters, {inputs.lift, volts_}).nu.head<2>();
+  };
   const Thrusters<double> thrusters = input_max_ * asVector(inputs.thrusters);
-  return push_ * thrusters_->atRest(thrusters_->clipped(thrusters, input_max_)).head<2>();
+  return at(thrusters_->clipped(thrusters, input_max_)) - at(Thrusters<double>::zero(thrusters.size()));
+}
+
+void ReferencePilot::voltage(double volts) {
+  volts_ = volts;
+  if (obedience_) obedience_->voltage(volts);
 }
 
 void ReferencePilot::commanded(double time, const Inputs& inputs) {
@@ -101,8 +111,8 @@ std::string ReferencePilot::objection(const MeasuredState& measured) {
 Inputs ReferencePilot::update(double, double stamp, const RigidState<double>& state, double lift) {
   const double before = processorTime();
   const double now = std::max(stamp, clock_());
-  Thrusters<double> inputs =
-      controller_->decide({now, stamp, state, reference_.get(), *reference_start_, lift, drive_.origin(now)});
+  Thrusters<double> inputs = controller_->decide(
+      {now, stamp, state, reference_.get(), *reference_start_, {lift, volts_}, drive_.origin(now)});
   asVector(inputs) /= input_max_;
   Thrusters<double> wanted = controller_->wanted();
   asVector(wanted) /= input_max_;

@@ -77,11 +77,11 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
   for (int i = 0; i < inputs; ++i) variables_.push_back(kStates + i);
 }
 
-void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
+void TrajectoryOptimizer::setProblem(double t, const State& start, const Conditions<double>& given,
                                      const Vector3<double>& missing,
                                      const std::vector<ReferencePoint>& references) {
   t_ = t;
-  lift_ = lift;
+  given_ = given;
   missing_ = missing;
   asVector(unbounded_).setConstant(std::numeric_limits<double>::quiet_NaN());
   start_ = start;
@@ -154,7 +154,7 @@ double TrajectoryOptimizer::simulate(double limit, const Policy& policy) {
     tried_.inputs[i] = policy(i, next);
     const RigidState<double> after =
         drivenStep(dynamics_, t_ + static_cast<double>(i) * step_, {next.head<3>(), next.segment<3>(3)},
-                   tried_.inputs[i], {lift_}, missing_, step_, next.data() + 6);
+                   tried_.inputs[i], given_, missing_, step_, next.data() + 6);
     next.head<3>() = after.eta;
     next.segment<3>(3) = after.nu;
     cost += step_ * (inputCost(tried_.inputs[i]) + stateCost(i, after));
@@ -206,9 +206,9 @@ void TrajectoryOptimizer::linearize(std::size_t i) {
       (variable < kStates ? x[static_cast<std::size_t>(variable)] : command(variable - kStates))
           .v[j - begin] = 1.0;
     }
-    const RigidState<Jet> after = drivenStep<Jet>(derivatives_, Jet(t_ + static_cast<double>(i) * step_),
-                                                  {{x[0], x[1], x[2]}, {x[3], x[4], x[5]}}, command, lift_,
-                                                  missing_.cast<Jet>(), step_, &x[6]);
+    const RigidState<Jet> after = drivenStep<Jet>(
+        derivatives_, Jet(t_ + static_cast<double>(i) * step_), {{x[0], x[1], x[2]}, {x[3], x[4], x[5]}},
+        command, {given_.lift, given_.volts}, missing_.cast<Jet>(), step_, &x[6]);
     for (std::size_t j = 0; j < 3; ++j) {
       x[j] = after.eta(static_cast<int>(j));
       x[3 + j] = after.nu(static_cast<int>(j));

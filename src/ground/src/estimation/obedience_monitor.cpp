@@ -109,7 +109,8 @@ void ObedienceMonitor::addExplanations() {
 }
 
 void ObedienceMonitor::reset() {
-  const InputSequence none(dynamics_.layout().size());
+  InputSequence none(dynamics_.layout().size());
+  none.battery = battery_;
   delayed_.fill(none);
   others_.assign(explanations_.size(), none);
   started_ = false;
@@ -129,6 +130,12 @@ void ObedienceMonitor::command(double time, const Thrusters<double>& thrusters, 
     for (int j = 0; j < inputs.size(); ++j) inputs(j) = e.shares(j) * thrusters(e.swapped ? 1 - j : j);
     others_[i].add(time, inputs, e.lifted ? lift : 0);
   }
+}
+
+void ObedienceMonitor::voltage(double volts) {
+  battery_ = {{0.0}, {volts}};
+  for (InputSequence& commands : delayed_) commands.battery = battery_;
+  for (InputSequence& other : others_) other.battery = battery_;
 }
 
 void ObedienceMonitor::measure(double time, const RigidState<double>& state,
@@ -230,7 +237,8 @@ std::string ObedienceMonitor::disobedience(double duration) {
 bool ObedienceMonitor::waits(const std::vector<const Explanation*>& found) {
   const bool one_off = std::all_of(found.begin(), found.end(), [](const auto* one) { return one->one_off; });
   if (!one_off || dynamics_.layout().size() < 3) return false;
-  if (!waiting_) waiting_ = start_.time;
+  if (!waiting_ || start_.time - suspected_ > patience_) waiting_ = start_.time;
+  suspected_ = start_.time;
   return start_.time - *waiting_ < patience_;
 }
 

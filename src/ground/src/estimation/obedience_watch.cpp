@@ -43,11 +43,18 @@ std::string ObedienceWatch::measured(double time, const RigidState<double>& stat
   return monitor_->disobedience(timeout_);
 }
 
+void ObedienceWatch::voltage(double volts) {
+  volts_ = volts;
+  monitor_->voltage(volts);
+  if (usual_) usual_->voltage(volts);
+}
+
 std::string ObedienceWatch::told(const Eigen::VectorXd& change) {
   if (!adapts_ || !sent_ || change.size() != craft_.size()) return "";
   const Eigen::VectorXd dead = craft_.deadOnly(craft_.bounded(change));
   if (craft_.dead(dead).size() <= craft_.dead(told_).size()) return "";
   auto monitor = std::make_unique<ObedienceMonitor>(craft_.apply(dead));
+  if (volts_) monitor->voltage(*volts_);
   monitor_.swap(monitor);
   if (!usual_) usual_ = std::move(monitor);
   applyPatience();

@@ -78,6 +78,7 @@ void Controller::start(ros::NodeHandle& nh, ros::NodeHandle& topics) {
   drive_subscriber_ = topics.subscribe("drive", 4, &Controller::onDrive, this);
   sender_subscriber_ = topics.subscribe("sender/status", 4, &Controller::onSender, this, hints);
   controls_subscriber_ = topics.subscribe("controls", 4, &Controller::onControls, this, hints);
+  telemetry_subscriber_ = topics.subscribe("sender/telemetry", 4, &Controller::onTelemetry, this);
   state_subscriber_ = topics.subscribe("state", 1, &Controller::onState, this, hints);
   {
     const std::lock_guard lock(mutex_);
@@ -97,6 +98,13 @@ void Controller::onDrive(const ground_msgs::Drive::ConstPtr& message) {
   const std::lock_guard lock(mutex_);
   const double began = seconds(message->began), as_of = seconds(message->header.stamp);
   life_.attempt([&] { pilot_.driveBegan(began, as_of); });
+}
+
+void Controller::onTelemetry(const ground_msgs::Telemetry::ConstPtr& message) {
+  const std::optional<double> volts = voltageIn(*message);
+  if (!volts) return;
+  const std::lock_guard lock(mutex_);
+  life_.attempt([&] { pilot_.voltage(*volts); });
 }
 
 void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {

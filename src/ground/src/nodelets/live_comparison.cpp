@@ -170,12 +170,12 @@ class LiveComparison : public Shell {
   }
 
   void onTelemetry(const ground_msgs::Telemetry::ConstPtr& message) {
+    const std::optional<double> volts = voltageIn(*message);
+    if (!volts) return;
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (!(message->voltage > 0) || !std::isfinite(message->voltage)) return;
-    const double time = seconds(message->header.stamp), volts = message->voltage;
     for (Contestant& c : contestants_)
-      if (c.monitor) c.monitor->voltage(time, volts);
-    changes_->voltage(volts);
+      if (c.monitor) c.monitor->voltage(seconds(message->header.stamp), *volts);
+    changes_->voltage(*volts);
   }
 
   void onState(const ground_msgs::State::ConstPtr& message) {

@@ -324,7 +324,10 @@ class Sender : public Shell {
     background_.add([this, message] { drive_publisher_.publish(message); });
   }
 
+  /// Publishes what the craft has measured. mutex_ is held.
   void report(const CraftTelemetry& t) {
+    if (obedience_ && t.voltage && std::isfinite(*t.voltage) && *t.voltage > 0)
+      obedience_->voltage(*t.voltage);
     auto message = boost::make_shared<Telemetry>();
     message->header.stamp = ros::Time::now();
     message->voltage = t.voltage.value_or(0);

@@ -201,17 +201,19 @@ Eigen::VectorXd joined(const RigidState<double>& state, const std::vector<double
 
 Eigen::VectorXd derivativeAt(const Dynamics<double>& dynamics, const Dynamics<Jet>& exact, const Row& row) {
   std::vector<double> rates(row.states.size(), 0.0), states = row.states;
-  const Thrusters<double> now = dynamics.actuate(row.input, row.lift, 0.0, states.data()).thrusters[0];
+  const Thrusters<double> now =
+      dynamics.actuate(row.input, {row.lift, std::nullopt}, 0.0, states.data()).thrusters[0];
   const RigidState<double> dot =
-      dynamics.derivative(row.t, row.state, now, row.lift, row.states.data(), rates.data());
+      dynamics.derivative(row.t, row.state, now, {row.lift, std::nullopt}, row.states.data(), rates.data());
   std::vector<Jet> after(row.states.begin(), row.states.end());
-  exact.actuate(row.input.cast<Jet>(), row.lift, Jet(0.0, 0), after.data());
+  exact.actuate(row.input.cast<Jet>(), {row.lift, std::nullopt}, Jet(0.0, 0), after.data());
   for (std::size_t i = 0; i < rates.size(); ++i) rates[i] += after[i].v[0];
   return joined(dot, rates);
 }
 
 Eigen::VectorXd stepFrom(const Dynamics<double>& dynamics, Row row) {
-  const StepInputs<double> inputs = dynamics.actuate(row.input, row.lift, row.dt, row.states.data());
+  const StepInputs<double> inputs =
+      dynamics.actuate(row.input, {row.lift, std::nullopt}, row.dt, row.states.data());
   dynamics.step(row.t, row.state, inputs, row.dt);
   return joined(row.state, row.states);
 }

@@ -25,6 +25,8 @@ class Driver {
   virtual ~Driver() = default;
   /// Called with every frame of the mocap.
   virtual void see(double /*now*/, const MocapFrame& /*frame*/) {}
+  /// Called when the craft reports the voltage of its battery [V].
+  virtual void voltage(double /*volts*/) {}
   /// The commands to issue at `now`; called after every event.
   virtual std::vector<Command> act(double now) = 0;
   /// Time of the next act() if there is no frame before, not earlier than the last act() [s].
@@ -96,6 +98,10 @@ class LivePilot : public Driver {
       measured.state = truth->measured;
     }
     life_->state({now, now}, measured);
+  }
+
+  void voltage(double volts) override {
+    life_->attempt([&] { pilot_->voltage(volts); });
   }
 
   std::vector<Command> act(double now) override {
@@ -208,6 +214,7 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
     const double now = std::min({captures, room.nextDelivery(), driver.wakesAt(), driver.end()});
     room.advance(now);
     if (now == captures) note(room, log);
+    if (now == captures && room.voltage() > 0) driver.voltage(room.voltage());
     for (MocapFrame& frame : room.takeFrames()) {
       if (hazards.unseen.covers(frame.captured)) continue;
       frame.eta.z() = wrapAngle(frame.eta.z());

@@ -56,6 +56,8 @@ class Pilot {
   /// Called with every command that is sent, by any controller, in order of time (clock of stamps)
   /// [s].
   virtual void commanded(double /*time*/, const Inputs& /*inputs*/) {}
+  /// The voltage of the battery from now on [V], as the craft measures it.
+  virtual void voltage(double /*volts*/) {}
   /// Sets the start of the drive, at which the model's t is 0; see DriveClock::record.
   virtual void driveBegan(double /*began*/, double /*as_of*/) {}
   /// Called when driving begins, at the time `stamp`; not active if it throws.
@@ -171,7 +173,7 @@ class ControllerLifecycle {
       if (t) visitor.stamp(*t);
     }
     visitor.since(measured_at_);
-    for (const std::optional<MeasuredState>* measured : {&measured_, &known_}) {
+    for (const std::optional<MeasuredState>* measured : {&measured_, &known_, &trusted_}) {
       visitor.value(measured->has_value());
       if (!*measured) continue;
       visitor.stamp((*measured)->stamp);
@@ -182,7 +184,7 @@ class ControllerLifecycle {
       }
     }
     for (const Driven& one : thrusts_) {
-      visitor.stamp(measured_ ? std::max(one.since, measured_->stamp) : one.since);
+      visitor.stamp(trusted_ ? std::max(one.since, trusted_->stamp) : one.since);
       for (const double a : one.acceleration) visitor.value(a);
     }
     visitor.value(static_cast<int>(state_));
@@ -243,6 +245,7 @@ class ControllerLifecycle {
   std::optional<MeasuredState> measured_;
   double measured_at_ = 0;                        ///< steady clock [s]
   std::optional<MeasuredState> known_;            ///< the last state used for control
+  std::optional<MeasuredState> trusted_;          ///< the last valid state, from which the fence carries on
   double lifting_since_ = 0, running_since_ = 0;  ///< clock of stamps [s]
   std::optional<double> last_update_;             ///< stamp [s]
   /// Thrust from a time on, clock of stamps [s].
@@ -250,7 +253,7 @@ class ControllerLifecycle {
     double since;
     Vector2<double> acceleration;  ///< [m/s^2]
   };
-  std::vector<Driven> thrusts_;  ///< at the time of the last state, and those since then
+  std::vector<Driven> thrusts_;  ///< at the time of trusted_, and those since then
   /// Next change of open-loop inputs, clock of stamps [s]; no value for closed-loop control.
   std::optional<double> change_at_;
   double started_at_ = 0;          ///< steady clock [s]

@@ -63,6 +63,7 @@ class ExcitationPilot : public Pilot {
   const ThrusterLayout& layout() const override { return *signal_.thrusters; }
   Vector2<double> acceleration(const Inputs& inputs) const override { return home_.acceleration(inputs); }
   void commanded(double time, const Inputs& inputs) override { home_.commanded(time, inputs); }
+  void voltage(double volts) override { home_.voltage(volts); }
   void driveBegan(double began, double as_of) override { home_.driveBegan(began, as_of); }
 
   void activate(double stamp) override;

@@ -63,6 +63,7 @@ class ReferencePilot : public Pilot {
   const ThrusterLayout& layout() const override { return *thrusters_; }
   Vector2<double> acceleration(const Inputs& inputs) const override;
   void commanded(double time, const Inputs& inputs) override;
+  void voltage(double volts) override;
   void driveBegan(double began, double as_of) override { drive_.record(began, as_of); }
 
   void activate(double stamp) override;
@@ -79,7 +80,8 @@ class ReferencePilot : public Pilot {
   static constexpr std::size_t kGiven = 128;
   std::vector<std::pair<double, Inputs>> given_;  ///< the last kGiven commands and their times [s]
   double input_max_ = 1;
-  double push_ = 0;  ///< acceleration per unit of ThrusterLayout::atRest, k/m; 0 if the craft is unknown
+  std::optional<Dynamics<double>> craft_;
+  std::optional<double> volts_;  ///< of the battery [V]
   ThrusterLayoutPtr thrusters_ = thrusterPair();
   double duration_ = std::numeric_limits<double>::infinity();
   ReferencePtr reference_;

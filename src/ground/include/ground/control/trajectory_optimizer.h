@@ -34,10 +34,10 @@ class TrajectoryOptimizer {
   double step() const { return step_; }
 
   /// Sets the problem: the state `start` at t [s] of the drive, references at the end of every
-  /// step, and a constant acceleration in addition to the model (body; m/s^2, m/s^2, rad/s^2).
-  /// Call rollOut() or warmStart() after it.
-  void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
-                  const std::vector<ReferencePoint>& references);
+  /// step, lift and voltage over the horizon, and a constant acceleration in addition to the model
+  /// (body; m/s^2, m/s^2, rad/s^2). Call rollOut() or warmStart() after it.
+  void setProblem(double t, const State& start, const Conditions<double>& given,
+                  const Vector3<double>& missing, const std::vector<ReferencePoint>& references);
   /// The plan's inputs, in the model's units.
   const std::vector<Thrusters<double>>& inputs() const { return plan_.inputs; }
   /// The plan's inputs, to set another plan. Call rollOut() afterwards.
@@ -111,7 +111,8 @@ class TrajectoryOptimizer {
   PlanWeights weights_;
   std::optional<PlanWalls> walls_;
   double step_;
-  double t_ = 0, lift_ = 1;
+  double t_ = 0;
+  Conditions<double> given_{1, std::nullopt};
   Vector3<double> missing_ = Vector3<double>::Zero();
   State start_ = State::Zero();
   std::vector<ReferencePoint> references_;

@@ -39,6 +39,8 @@ class ObedienceMonitor {
   void reset();
   /// Adds a command, in the model's units, sent at `time` [s]; times must ascend.
   void command(double time, const Thrusters<double>& thrusters, double lift);
+  /// The voltage of the battery from now on [V].
+  void voltage(double volts);
   /// Adds a valid state measured at `time` [s], and the variance of its velocities. Ignored if its
   /// time does not ascend.
   void measure(double time, const RigidState<double>& state, const Vector3<double>& nu_variance);
@@ -92,11 +94,13 @@ class ObedienceMonitor {
   std::array<InputSequence, std::size_t{kDelayCount}> delayed_;  ///< commands, at once and later
   std::vector<Explanation> explanations_;
   std::vector<InputSequence> others_;  ///< inputs by each explanation
+  VoltageSeries battery_;              ///< of all of them: the last voltage
   bool started_ = false;
   Sample start_;  ///< start of the current interval
   std::deque<Interval> intervals_;
   double patience_ = 0;            ///< [s]
   std::optional<double> waiting_;  ///< since when it waits, by the time of states [s]
+  double suspected_ = 0;           ///< when one thruster last seemed to be off [s]
 };
 
 }  // namespace ground

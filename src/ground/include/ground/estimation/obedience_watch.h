@@ -24,6 +24,8 @@ class ObedienceWatch {
   void sent(double time, bool armed, const Inputs& inputs);
   /// Adds a valid state while armed. Returns what the craft does instead of following; empty if it follows.
   std::string measured(double time, const RigidState<double>& state, const Vector3<double>& nu_variance);
+  /// The voltage of the battery from now on [V].
+  void voltage(double volts);
   /// The craft has changed (CraftChange). Returns the names of the thrusters that are dead, if another one is
   /// than before.
   std::string told(const Eigen::VectorXd& change);
@@ -40,6 +42,7 @@ class ObedienceWatch {
   Eigen::VectorXd told_;                     ///< the change of monitor_'s craft
   std::optional<Inputs> sent_;               ///< the last inputs passed to monitor_, while armed
   double began_ = 0;                         ///< when monitor_ began [s]
+  std::optional<double> volts_;              ///< of the battery [V]
 };
 
 }  // namespace ground

@@ -89,8 +89,8 @@ struct EffectInfo {
 template <typename T>
 struct StepInputs {
   std::array<Thrusters<T>, 3> thrusters;
-  Conditions<T> given{};  ///< held over the step
-  bool held = false;      ///< the thruster inputs are also held over the step
+  Conditions<T> given{0.0, std::nullopt};  ///< held over the step
+  bool held = false;                       ///< the thruster inputs are also held over the step
   /// States of all effects, integrated over the step with the motion. If null, the states stay at
   /// their initial values.
   T* states = nullptr;

@@ -37,15 +37,15 @@ inline bool isConstant(const Symbol& x) { return x.isConstant(); }
 template <typename T>
 using Given = std::conditional_t<std::is_same_v<T, Symbol>, Symbol, double>;
 
-/// What acts on a craft beside the inputs of its thrusters, at one instant.
+/// What acts on a craft beside the inputs of its thrusters, at one instant. Who asks a model says all of it:
+/// an unknown voltage is an explicit std::nullopt.
 template <typename T>
 struct Conditions {
-  Given<T> lift{};   ///< input of the lift fan, 0..1
-  Given<T> volts{};  ///< voltage of the battery [V]; 0: not known
+  Given<T> lift;   ///< input of the lift fan, 0..1
+  Given<T> volts;  ///< voltage of the battery [V]; 0: not known
 
-  Conditions() = default;
-  Conditions(const Given<T>& lift_input, const Given<T>& battery = {})  // NOLINT: a lift alone is one
-      : lift(lift_input), volts(battery) {}
+  Conditions(const Given<T>& lift_input, const std::optional<Given<T>>& battery)
+      : lift(lift_input), volts(battery.value_or(Given<T>(0.0))) {}
 };
 
 /// `a` where the condition holds, else `b`.

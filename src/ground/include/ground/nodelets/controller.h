@@ -6,6 +6,7 @@
 #include <ground_msgs/Drive.h>
 #include <ground_msgs/SenderStatus.h>
 #include <ground_msgs/State.h>
+#include <ground_msgs/Telemetry.h>
 #include <std_srvs/Trigger.h>
 
 #include <atomic>
@@ -34,7 +35,8 @@ namespace ground {
 /// require_armed (true: wait for the sender), require_state (true; false only on a bench, where the
 /// craft is fastened), room (file of the room in which the craft is kept; empty: that of the sender,
 /// if it has one). They cannot be changed at run time. Subscribes: state, sender/status, controls, drive
-/// (start of the drive, for a model loaded in the middle of it). Publishes: controls, ~status (latched),
+/// (start of the drive, for a model loaded in the middle of it), sender/telemetry (the voltage of the
+/// battery, on which the thrust of a model may depend). Publishes: controls, ~status (latched),
 /// and, after the command of a closed-loop decision, controls/wanted (the inputs before saturation) and
 /// decision (its processor time). Services: ~start, ~stop, in their own thread.
 class Controller : public Shell {
@@ -76,6 +78,7 @@ class Controller : public Shell {
 
   void start(ros::NodeHandle& nh, ros::NodeHandle& topics) final;
   void onDrive(const ground_msgs::Drive::ConstPtr& message);
+  void onTelemetry(const ground_msgs::Telemetry::ConstPtr& message);
   void onState(const ground_msgs::State::ConstPtr& message);
   void onControls(const ground_msgs::Controls::ConstPtr& message);
   void onSender(const ground_msgs::SenderStatus::ConstPtr& message);
@@ -104,7 +107,8 @@ class Controller : public Shell {
   ground_msgs::Controls::Ptr wanted_;
   ground_msgs::Decision::Ptr decision_;  ///< null if it is published
   ros::Publisher controls_, status_, wanted_publisher_, decision_publisher_;
-  ros::Subscriber state_subscriber_, sender_subscriber_, controls_subscriber_, drive_subscriber_;
+  ros::Subscriber state_subscriber_, sender_subscriber_, controls_subscriber_, drive_subscriber_,
+      telemetry_subscriber_;
   ros::ServiceServer start_service_, stop_service_;
   std::condition_variable_any wake_;
   std::atomic<bool> alive_{true};

@@ -2,11 +2,13 @@
 
 #include <geometry_msgs/PoseStamped.h>
 #include <ground_msgs/State.h>
+#include <ground_msgs/Telemetry.h>
 #include <nav_msgs/Path.h>
 
 #include <algorithm>
 #include <boost/make_shared.hpp>
 #include <cmath>
+#include <optional>
 #include <string>
 
 #include "ground/model/types.h"
@@ -18,6 +20,12 @@ inline RigidState<double> stateIn(const ground_msgs::State& message) {
   std::copy(message.eta.begin(), message.eta.end(), state.eta.data());
   std::copy(message.nu.begin(), message.nu.end(), state.nu.data());
   return state;
+}
+
+/// The voltage of the battery [V], where the craft measures one.
+inline std::optional<double> voltageIn(const ground_msgs::Telemetry& message) {
+  const double volts = message.voltage;
+  return std::isfinite(volts) && volts > 0 ? std::optional(volts) : std::nullopt;
 }
 
 inline bool isFinite(const RigidState<double>& state) {

@@ -56,6 +56,10 @@ class Conditions:
 
     noise: bool = False  # whether the state is estimated from a noisy mocap; else it is the true one
     delay: float = 0.0  # time from measurement to command [s]
+    battery: Tuple[float, float] = (
+        0.0,
+        1.0,
+    )  # how long it lasts at full power [s], 0: none; charge at the start
 
 
 def reference(kind: str, **settings: Any) -> _core.ReferenceParams:
@@ -140,7 +144,9 @@ def run(
         mocap.rate, mocap.position_noise, mocap.heading_noise = rate, 0.0, 0.0
     pose, velocity = (np.zeros(3), np.zeros(3)) if start is None else start
     try:
-        log = _core.track_reference(truth, believed, params, pose, velocity, mocap, seed)
+        log = _core.track_reference(
+            truth, believed, params, pose, velocity, mocap, seed, battery=conditions.battery
+        )
     except RuntimeError as error:
         raise GroundError(str(error))
     finally:
