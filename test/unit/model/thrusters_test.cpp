@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "ground/model/capability.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
@@ -67,7 +68,10 @@ TEST(ThrusterLayout, OfThePairIsThatOfTheThesis) {
   EXPECT_TRUE(pair.isPair());
   EXPECT_FALSE(pair.sways());
   EXPECT_EQ(pair.total(Thrusters<double>{3, 1}), Vector3<double>(4, 0, 2));
-  EXPECT_EQ(pair.fullThrust(), 2);
+  Body<double> body;
+  body.k = body.input_max = body.l = 1;
+  EXPECT_EQ(capability(pair, body).force, 2);
+  EXPECT_EQ(capability(pair, body).wrench, Vector3<double>(2, 0, 1));
   EXPECT_EQ(pair.channels(), (std::vector<std::string>{"left", "right", "lift"}));
 }
 

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "ground/model/capability.h"
 #include "ground/model/measurement.h"
 #include "ground/model/time_scale.h"
 
@@ -60,10 +61,8 @@ ChangeFilter::ChangeFilter(const Model& model, const ObserverParams& params)
     throw std::invalid_argument("a model whose effects have more than " + std::to_string(kMaxStates) +
                                 " states cannot be observed");
   const Body<double>& body = model.body;
-  const ThrusterLayout& layout = *model.thrusters;
-  const double surge = layout.fullThrust() * body.k * body.input_max / body.m;
-  const Vector3<double> turn = layout.atRest(fastestTurn(layout, true, body.input_max));
-  most_ << surge, surge, std::abs(turn.z()) * body.k * body.l / body.I_z;
+  const Vector2<double> most = capability(model).accelerations(body.m, body.I_z);
+  most_ << most.x(), most.x(), most.y();
   const Disturbance& known = model.disturbance;
   const Vector3<double> mass(body.m, body.m, body.I_z);
   white_ = kWhiteShare * Vector3<double>(params.push, params.push, params.twist);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "ground/model/capability.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/measurement.h"
 #include "ground/model/typical.h"
@@ -45,18 +46,6 @@ Model sitting(Model model) {
   return model;
 }
 
-/// Yaw acceleration by the fastest turn of a craft [rad/s^2].
-double fullYaw(const Model& model) {
-  const Body<double>& body = model.body;
-  const ThrusterLayout& layout = *model.thrusters;
-  double most = 0;
-  for (bool starboard : {false, true}) {
-    const Vector3<double> wrench = layout.atRest(fastestTurn(layout, starboard, body.input_max));
-    most = std::max(most, std::abs(wrench.z()));
-  }
-  return body.k * body.l * most / body.I_z;
-}
-
 /// Velocity over the floor, world_ned [m/s], and yaw rate [rad/s].
 Vector3<double> overFloor(const RigidState<double>& state) {
   Vector3<double> moving;
@@ -82,8 +71,7 @@ ObedienceMonitor::ObedienceMonitor(const Model& model)
     : dynamics_(model),
       sitting_(sitting(model)),
       derivatives_(model),
-      most_(model.thrusters->fullThrust() * model.body.k * model.body.input_max / model.body.m),
-      most_yaw_(fullYaw(model)) {
+      most_(capability(model).accelerations(model.body.m, model.body.I_z)) {
   static_assert(kShares.size() * kExtraDelays.size() == kFollowingCount &&
                 kExtraDelays.size() == kDelayCount);
   addExplanations();
@@ -183,8 +171,8 @@ ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
     return square(kPush * most) * dt + square(kTrim * most * dt) + square(kDrag * drag) + noise;
   };
   const Vector3<double> noise = start_.nu_variance + now.nu_variance;
-  const Spread spread{variance(most_, dragged.head<2>().norm(), noise.head<2>().maxCoeff()),
-                      variance(most_yaw_, dragged.z(), noise.z())};
+  const Spread spread{variance(most_.x(), dragged.head<2>().norm(), noise.head<2>().maxCoeff()),
+                      variance(most_.y(), dragged.z(), noise.z())};
   Interval interval{now.time, {}, noEvidence()};
   Eigen::Index following = 0;
   for (const InputSequence& inputs : delayed_) {

@@ -5,6 +5,8 @@
 #include <limits>
 #include <sstream>
 
+#include "ground/model/capability.h"
+
 namespace ground {
 namespace {
 
@@ -161,7 +163,9 @@ Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& 
 
 std::vector<Implausibility> implausibilities(const Body<double>& given, const ThrusterLayout& layout) {
   Body<double> body = given;
-  body.input_max *= layout.fullThrust() / thrusterPair()->fullThrust();
+  Body<double> unit = given;
+  unit.k = unit.input_max = 1;
+  body.input_max *= capability(layout, unit).force / capability(*thrusterPair(), unit).force;
   std::vector<Implausibility> found;
   for (const Ratio& ratio : ratios()) {
     if (sound(ratio, body)) continue;

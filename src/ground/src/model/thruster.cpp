@@ -266,21 +266,6 @@ Thrusters<double> ThrusterLayout::clipped(const Thrusters<double>& input, double
   return inside;
 }
 
-double ThrusterLayout::fullThrust() const {
-  double best = 0;
-  for (int j = 0; j < size(); ++j) {
-    double along = 0;
-    for (int i = 0; i < size(); ++i) {
-      if (!pushes(i) || !pushes(j)) continue;
-      const double share = forward(i) * forward(j) + starboard(i) * starboard(j);
-      const Thruster& one = (*this)[i];
-      along += one.gain * std::max(share * one.curve.at(one.most), share * one.curve.at(one.least));
-    }
-    best = std::max(best, along);
-  }
-  return best;
-}
-
 namespace {
 
 /// Of a craft with angles: from full thrust, one channel after the other takes what turns it most.

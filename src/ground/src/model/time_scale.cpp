@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "ground/model/capability.h"
+
 namespace ground {
 namespace {
 
@@ -11,42 +13,13 @@ constexpr double kLengths = 20;     // travelled at full thrust [radii of gyrati
 constexpr double kTurn = 2 * M_PI;  // turned at full moment [rad]
 constexpr double kNoThrust = 1e-9;  // of the largest force: an axis with less has no thrusters
 
-/// Largest |X|, |Y|, |N| / l of the thrusters, each divided by k.
-Vector3<double> fullThrust(const ThrusterLayout& layout, double full) {
-  const int count = layout.size();
-  Vector3<double> least = Vector3<double>::Zero(), most = Vector3<double>::Zero();
-  Thrusters<double> input = Thrusters<double>::zero(count);
-  if (layout.steers()) {  // a rudder needs the stream of its thruster
-    for (unsigned corner = 0; corner < 1U << static_cast<unsigned>(count); ++corner) {
-      for (int i = 0; i < count; ++i)
-        input(i) = full * ((corner >> static_cast<unsigned>(i)) & 1U ? layout[i].most : layout[i].least);
-      const Vector3<double> wrench = layout.atRest(input);
-      least = corner ? least.cwiseMin(wrench).eval() : wrench;
-      most = corner ? most.cwiseMax(wrench).eval() : wrench;
-    }
-    return least.cwiseAbs().cwiseMax(most);
-  }
-  for (int i = 0; i < count; ++i) {
-    input(i) = full * layout[i].least;
-    const Vector3<double> one = layout.atRest(input);
-    input(i) = full * layout[i].most;
-    const Vector3<double> other = layout.atRest(input);
-    input(i) = 0;
-    least += one.cwiseMin(other);
-    most += one.cwiseMax(other);
-  }
-  return least.cwiseAbs().cwiseMax(most);
-}
-
 }  // namespace
 
 double timeScale(const Model& model) {
   const Body<double>& body = model.body;
   const double way = kLengths * std::sqrt(body.I_z / body.m);
   const Vector3<double> ways(way, way, kTurn), mass(body.m, body.m, body.I_z),
-      damping(body.X_u, body.Y_v, body.N_r),
-      full =
-          fullThrust(*model.thrusters, body.input_max).cwiseProduct(body.k * Vector3<double>(1, 1, body.l));
+      damping(body.X_u, body.Y_v, body.N_r), full = capability(model).wrench;
   double shortest = std::numeric_limits<double>::infinity();
   for (int i = 0; i < 3; ++i) {
     if (!(full(i) > kNoThrust * full.head<2>().maxCoeff())) continue;

@@ -89,8 +89,7 @@ class ObedienceMonitor {
   Dynamics<double> dynamics_;
   Dynamics<double> sitting_;   ///< with a skirt that brakes without lift
   Dynamics<Jet> derivatives_;  ///< dynamics_ with derivatives
-  double most_;                ///< acceleration by full thrust [m/s^2]
-  double most_yaw_;            ///< yaw acceleration by the fastest turn [rad/s^2]
+  Vector2<double> most_;       ///< accelerations by full thrust [m/s^2] and in the fastest turn [rad/s^2]
   std::array<InputSequence, std::size_t{kDelayCount}> delayed_;  ///< commands, at once and later
   std::vector<Explanation> explanations_;
   std::vector<InputSequence> others_;  ///< inputs by each explanation

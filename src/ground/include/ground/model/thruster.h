@@ -181,8 +181,6 @@ class ThrusterLayout {
   Vector3<double> atRest(const Thrusters<double>& input) const;
   /// Inputs clipped to the ranges of the thrusters; `full` is the input of full thrust.
   Thrusters<double> clipped(const Thrusters<double>& input, double full = 1) const;
-  /// Largest total force along the direction of a thruster, divided by k; 2 for the pair.
-  double fullThrust() const;
 
  private:
   struct Arm {

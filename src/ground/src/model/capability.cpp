@@ -1,0 +1,59 @@
+#include "ground/model/capability.h"
+
+#include <algorithm>
+
+namespace ground {
+namespace {
+
+/// Largest |X|, |Y|, |N| / l of the thrusters, each divided by k.
+Vector3<double> largestWrench(const ThrusterLayout& layout, double full) {
+  const int count = layout.size();
+  Vector3<double> least = Vector3<double>::Zero(), most = Vector3<double>::Zero();
+  Thrusters<double> input = Thrusters<double>::zero(count);
+  if (layout.steers()) {  // a rudder needs the stream of its thruster
+    for (unsigned corner = 0; corner < 1U << static_cast<unsigned>(count); ++corner) {
+      for (int i = 0; i < count; ++i)
+        input(i) = full * ((corner >> static_cast<unsigned>(i)) & 1U ? layout[i].most : layout[i].least);
+      const Vector3<double> wrench = layout.atRest(input);
+      least = corner ? least.cwiseMin(wrench).eval() : wrench;
+      most = corner ? most.cwiseMax(wrench).eval() : wrench;
+    }
+    return least.cwiseAbs().cwiseMax(most);
+  }
+  for (int i = 0; i < count; ++i) {
+    input(i) = full * layout[i].least;
+    const Vector3<double> one = layout.atRest(input);
+    input(i) = full * layout[i].most;
+    const Vector3<double> other = layout.atRest(input);
+    input(i) = 0;
+    least += one.cwiseMin(other);
+    most += one.cwiseMax(other);
+  }
+  return least.cwiseAbs().cwiseMax(most);
+}
+
+/// Largest force in one direction, without angles, divided by k input_max.
+double strongest(const ThrusterLayout& layout) {
+  double best = 0;
+  for (int j = 0; j < layout.size(); ++j) {
+    double along = 0;
+    for (int i = 0; i < layout.size(); ++i) {
+      if (!layout.pushes(i) || !layout.pushes(j)) continue;
+      const double share =
+          layout.forward(i) * layout.forward(j) + layout.starboard(i) * layout.starboard(j);
+      const Thruster& one = layout[i];
+      along += one.gain * std::max(share * one.curve.at(one.most), share * one.curve.at(one.least));
+    }
+    best = std::max(best, along);
+  }
+  return best;
+}
+
+}  // namespace
+
+Capability capability(const ThrusterLayout& layout, const Body<double>& body) {
+  return {body.k * largestWrench(layout, body.input_max).cwiseProduct(Vector3<double>(1, 1, body.l)),
+          strongest(layout) * body.k * body.input_max};
+}
+
+}  // namespace ground
