@@ -14,6 +14,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import patterns, window_error
+from ground.analysis.distributions import DEVIATIONS
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.thinning import by_poses_alone
 from ground.analysis.window_error import squared_errors
@@ -21,7 +22,6 @@ from ground.support.annotations import Array, Each, Random
 from ground.support.errors import GroundError
 
 FIRST, DRAWS = 19, 99  # artificial recordings; more than the first only where the real ones are extreme
-DEVIATIONS = 1.96  # of an interval
 
 
 @dataclass(frozen=True)
@@ -60,76 +60,57 @@ def agreement(
     """The Agreement of a Fit on runs over windows of them. seconds: horizon of predictions; each: maps over
     artificial recordings."""
     band, pairs = patterns.band(likelihood.runs, seconds), patterns.pairs(runs)
-    seen_of_push: List[float] = []  # correlation of what the filter sees and what pushed, squared
 
-    def patterns_of(recorded: Sequence[_core.RunData]) -> patterns.Seen:
+    def compared(recorded: Sequence[_core.RunData]) -> Tuple[float, patterns.Seen]:
+        """The squared error of recordings, and what the filter sees in them."""
+        error = float(squared_errors(recorded, cut, fit.model, scale=runs).mean())
         poses = [by_poses_alone(run) for run in recorded]
-        return patterns.seen(Likelihood(poses, likelihood.craft, likelihood.varying), fit, band, pairs)
+        of_poses = Likelihood(poses, likelihood.craft, likelihood.varying)
+        return error, patterns.seen(of_poses, fit, band, pairs)
 
-    def made(seed: int) -> Optional[List[float]]:
-        """Logarithm of the squared error, and patterns; None where the motion is not finite."""
+    def made(seed: int) -> Optional[Tuple[List[float], float]]:
+        """Numbers of an artificial recording, and the squared correlation of what the filter sees in it and
+        what pushed; None where the motion is not finite."""
         random = np.random.default_rng(seed)
         try:
-            pushed = [_recorded(run, fit, i, random, True) for i, run in enumerate(runs)]
-            artificial = [run for run, _ in pushed]
-            error = float(squared_errors(artificial, cut, fit.model, scale=runs).mean())
-            found = patterns_of(artificial)
-            if pairs:
-                width = seconds / patterns.FINEST
-                known = [_at(run, push, like, width) for (run, push), like in zip(pushed, likelihood.runs)]
-                seen_of_push.append(patterns.alike(found.wrenches, known) ** 2)
-            return _numbers(error, found)
+            artificial, pushes = zip(*(_pushed(run, fit, i, random) for i, run in enumerate(runs)))
+            error, found = compared(artificial)
         except GroundError:
             return None
+        width = seconds / patterns.FINEST
+        known = [_at(*given, width) for given in zip(runs, pushes, likelihood.runs)]
+        return [float(np.log(error)), *found.numbers], patterns.alike(found.wrenches, known) ** 2
 
     noise = np.nan
     with contextlib.suppress(GroundError):
-        quiet = [_recorded(run, fit, i, np.random.default_rng(0), False)[0] for i, run in enumerate(runs)]
+        quiet = [window_error.recorded(run, fit.model, np.random.default_rng(0)) for run in runs]
         noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
-    error = float(squared_errors(runs, cut, fit.model).mean())
-    real = patterns_of(runs)
-    rows = [_numbers(error, real)]
+    error, real = compared(runs)
+    rows, seen_of_push = [[float(np.log(error)), *real.numbers]], []
     holds = False
     for seeds in (range(FIRST), range(FIRST, DRAWS)):
-        rows += [d for d in each(made, seeds) if d is not None]
+        drawn = [one for one in each(made, seeds) if one is not None]
+        rows += [numbers for numbers, _ in drawn]
+        seen_of_push += [share for _, share in drawn]
         # where few artificial motions are finite, the real ones are not like them
         holds = len(rows) > FIRST / 2 and share_as_extreme(np.array(rows)) > 1 / len(rows)
         if holds:
             break
-    average = np.exp([one[0] for one in rows[1:]]).mean() if rows[1:] else error
     numbers = np.array(rows)
+    average = np.exp(numbers[1:, 0]).mean() if rows[1:] else error
     off = _deviations(numbers)[0]
-    frequency = None if holds else _frequency(off, band, real)
-    common = None
+    frequency, common, lines = None, None, off[4:6]  # behind the error and the tails
+    if not holds and lines.max() == off.max():
+        frequency = float(band.rates[np.argmax(real.lines[:, int(np.argmax(lines))])])
     if pairs:
+        # without anything in common, artificial ones differ as much; the filter sees a part of a push only
+        seen = max(float(np.mean(seen_of_push)), 1e-3) if seen_of_push else 1e-3
+        half = DEVIATIONS * float(numbers[1:, -1].std()) if rows[1:] else np.inf
+        low, high = ((real.common + side * half) / seen for side in (-1, 1))
         stands_out = not holds and bool(off[-1] == off.max())
-        common = _common(numbers[1:, -1], real.common, seen_of_push, len(pairs), stands_out)
-    a, b, c = (float(np.sqrt(value)) for value in (error, average, noise))
-    return Agreement(a, b, c, holds, frequency, common)
-
-
-def _numbers(error: float, found: patterns.Seen) -> List[float]:
-    """What is compared: the larger, the less like a random disturbance."""
-    return [float(np.log(error)), *found.tails, *found.strongest, found.common]
-
-
-def _frequency(off: Array, band: patterns.Band, real: patterns.Seen) -> Optional[float]:
-    """The frequency that stands out, if it does more than all else; off: deviations of the numbers."""
-    lines = off[-1 - real.lines.shape[1] : -1]
-    if lines.max() < off.max():
-        return None
-    return float(band.rates[np.argmax(real.lines[:, int(np.argmax(lines))])])
-
-
-def _common(
-    artificial: Array, share: float, seen_of_push: Sequence[float], pairs: int, stands_out: bool
-) -> Common:
-    """What is in common, with the uncertainty that artificial recordings without anything in common have; the
-    filter sees a part of it only, as of pushes that are known."""
-    seen = max(float(np.mean(sorted(seen_of_push))), 1e-3) if seen_of_push else 1e-3
-    deviation = float(artificial.std()) if len(artificial) else np.inf
-    low, high = (share + side * DEVIATIONS * deviation for side in (-1, 1))
-    return Common(pairs, share / seen, low / seen, high / seen, stands_out)
+        common = Common(len(pairs), real.common / seen, low, high, stands_out)
+    measured, expected, floor = (float(np.sqrt(value)) for value in (error, average, noise))
+    return Agreement(measured, expected, floor, holds, frequency, common)
 
 
 def share_as_extreme(values: Array) -> float:
@@ -144,13 +125,9 @@ def _deviations(rows: Array) -> Array:
     return np.asarray((rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-300))
 
 
-def _recorded(
-    run: _core.RunData, fit: Fit, i: int, random: Random, disturbed: bool
-) -> Tuple[_core.RunData, Array]:
-    """An artificial recording of a run, with or without the disturbance and its trim; and the disturbance
-    X, Y [N], N [N m], body, at its samples."""
-    if not disturbed:
-        return window_error.recorded(run, fit.model, random), np.zeros((len(run.times), 3))
+def _pushed(run: _core.RunData, fit: Fit, i: int, random: Random) -> Tuple[_core.RunData, Array]:
+    """An artificial recording of a run, with its trim and the disturbance; and the disturbance X, Y [N],
+    N [N m], body, at its samples."""
     factor, trim = np.exp(fit.loudness[i]) if fit.loudness else 1.0, fit.trims[i]
     wrench, room = window_error.pushes(run, fit.levels, random)
     acting = factor * wrench + np.array(trim["wrench"])

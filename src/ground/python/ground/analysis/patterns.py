@@ -6,11 +6,12 @@ stands out in them. What runs with the same commands have in common is not rando
 
 import itertools
 from dataclasses import dataclass
-from typing import Iterator, List, Sequence, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
+from ground.analysis import residuals
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.recordings import scatter
 from ground.support.annotations import Array, Flags
@@ -42,11 +43,11 @@ class Band:
         return np.asarray(np.abs(np.fft.rfft(grid, axis=0)[self.inside]) ** 2 / max(1, len(times)))
 
 
-@dataclass(frozen=True)
-class Pair:
+class Pair(NamedTuple):
     """Two runs in which the same commands were given."""
 
-    runs: Tuple[int, int]
+    first: int
+    second: int
     shift: float  # time of the second one less that of the first one, of the same command [s]
 
 
@@ -59,14 +60,12 @@ class Seen:
     common: float  # correlation of the wrench in pairs of runs; 0 without any
 
     @property
-    def tails(self) -> List[float]:
-        """Logarithm of the kurtosis of the wrench: a push at some times or places only has heavy tails."""
-        return list(np.log((np.concatenate(self.wrenches) ** 4).mean(axis=0)))
-
-    @property
-    def strongest(self) -> List[float]:
-        """Logarithm of the power of the strongest line in the body frame, and in the room."""
-        return list(np.log(self.lines.max(axis=0)))
+    def numbers(self) -> List[float]:
+        """What is compared: the larger, the less like a random disturbance. The logarithms of the kurtosis of
+        the wrench, as a push at some times or places only has heavy tails, and of the power of the strongest
+        line in the body frame and in the room; and the correlation."""
+        tails = (np.concatenate(self.wrenches) ** 4).mean(axis=0)
+        return [*np.log(tails), *np.log(self.lines.max(axis=0)), self.common]
 
 
 def seen(likelihood: Likelihood, fit: Fit, band: Band, pairs: Sequence[Pair]) -> Seen:
@@ -86,8 +85,14 @@ def seen(likelihood: Likelihood, fit: Fit, band: Band, pairs: Sequence[Pair]) ->
         rows = (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-30)
         power += band.power(np.array(run.times)[scored], rows)
     lines = np.column_stack([power[:, :3].sum(axis=1), power[:, 3:].sum(axis=1)])
+    common = []
+    for pair in pairs:
+        both = [
+            np.column_stack([np.interp(at, np.array(likelihood.runs[k].times), w) for w in wrenches[k].T])
+            for k, at in _together(likelihood.runs, pair)
+        ]
+        common.append(alike(both[:1], both[1:]))
     lines = lines / np.maximum(np.median(lines, axis=0), 1e-300)
-    common = [_correlation(likelihood.runs, wrenches, pair) for pair in pairs]
     return Seen(wrenches, lines, float(np.mean(common)) if common else 0.0)
 
 
@@ -95,9 +100,8 @@ def band(runs: Sequence[_core.RunData], seconds: float) -> Band:
     """The Band of runs; seconds: horizon of predictions."""
     durations = [run.times[-1] - run.times[0] for run in runs]
     steps = [scatter.interval(np.array(run.times)) for run in runs]
-    count = 2 ** int(
-        np.ceil(np.log2(2 * max(durations) / min(steps) + 2))
-    )  # twice as fine as the longest run
+    # twice as fine as the longest run
+    count = 2 ** int(np.ceil(np.log2(2 * max(durations) / min(steps) + 2)))
     rates = np.fft.rfftfreq(count, min(steps))
     lowest = MIN_PERIODS / max(float(np.median(durations)), 1e-9)
     highest = max(min(FINEST / seconds, 0.4 / max(steps)), 2 * lowest)
@@ -108,18 +112,14 @@ def band(runs: Sequence[_core.RunData], seconds: float) -> Band:
 
 def pairs(runs: Sequence[_core.RunData]) -> List[Pair]:
     """The Pairs of runs that were given the same commands, from their first change on; MOST_PAIRS of many."""
-    found = list(_pairs(runs))
-    return found[:: 1 + max(0, len(found) - 1) // MOST_PAIRS]
-
-
-def _pairs(runs: Sequence[_core.RunData]) -> Iterator[Pair]:
-    driven = [_driven(run) for run in runs]
+    begins, found = [_driven(run)[0] for run in runs], []
     for i, j in itertools.combinations(range(len(runs)), 2):
-        pair = Pair((i, j), driven[j][0] - driven[i][0])
-        times = _together(runs, pair)
-        a, b = _held(runs[i], times).ravel(), _held(runs[j], times + pair.shift).ravel()
+        pair = Pair(i, j, begins[j] - begins[i])
+        given = [residuals.held(runs[k], at)[:, :-1] for k, at in _together(runs, pair)]
+        a, b = ((one - one.sum(axis=0) / max(1, len(one))).ravel() for one in given)
         if float(a @ b) > ALIKE * max(float(a @ a), float(b @ b), 1e-300):
-            yield pair
+            found.append(pair)
+    return found[:: 1 + max(0, len(found) - 1) // MOST_PAIRS]
 
 
 def _driven(run: _core.RunData) -> Tuple[float, float]:
@@ -132,34 +132,15 @@ def _driven(run: _core.RunData) -> Tuple[float, float]:
     return float(inputs[changes[0], 0]), float(ends)
 
 
-def _held(run: _core.RunData, times: Array) -> Array:
-    """Commands to the thrusters at some times (n, k), less their mean."""
-    inputs = np.array(run.inputs)
-    at = np.clip(np.searchsorted(inputs[:, 0], times, side="right") - 1, 0, len(inputs) - 1)
-    held = inputs[at, 1:-1]
-    return np.asarray(held - held.mean(axis=0) if len(held) else held)
-
-
-def _together(runs: Sequence[_core.RunData], pair: Pair) -> Array:
-    """Times of the first run of a pair in which both are driven; a wall may have ended one earlier."""
-    first, second = (runs[k] for k in pair.runs)
-    times = np.array(first.times)
-    inside = times + pair.shift >= second.times[0]
-    for run, shift in ((first, 0.0), (second, pair.shift)):
-        begin, end = _driven(run)
-        inside &= (times + shift >= begin) & (times + shift <= min(end, run.times[-1]))
-    return np.asarray(times[inside])
-
-
-def _correlation(runs: Sequence[_core.RunData], wrenches: Sequence[Array], pair: Pair) -> float:
-    """Correlation of the wrenches X, Y, N of two runs, mean over the three."""
-    i, j = pair.runs
-    times = _together(runs, pair)
-    a, b = (
-        np.column_stack([np.interp(at, np.array(runs[k].times), w) for w in wrenches[k].T])
-        for k, at in ((i, times), (j, times + pair.shift))
-    )
-    return alike([a], [b])
+def _together(runs: Sequence[_core.RunData], pair: Pair) -> List[Tuple[int, Array]]:
+    """Both runs of a pair, and times of each in which both are driven; a wall may have ended one earlier."""
+    times = np.array(runs[pair.first].times)
+    found = [(pair.first, times), (pair.second, times + pair.shift)]
+    inside = times + pair.shift >= runs[pair.second].times[0]
+    for k, at in found:
+        begin, end = _driven(runs[k])
+        inside &= (at >= begin) & (at <= min(end, runs[k].times[-1]))
+    return [(k, at[inside]) for k, at in found]
 
 
 def alike(first: Sequence[Array], second: Sequence[Array]) -> float:
