@@ -369,7 +369,8 @@ def test_a_pair_of_the_screen_is_multiplied_by_its_best_product(turning, monkeyp
         """Finds one pair in the third search, a better one and a worse one that was chosen from more."""
         asked.append(search.of)
         found = [(9.0, 100), (3.0, 9000)] if len(asked) == 3 else []
-        return [screening.Product(*one, search.acting[0], search.wide[0], search.narrow[1]) for one in found]
+        product = dictionary.Feature(search.acting[0], [search.wide[0], search.narrow[1]])
+        return [(product, value, tried) for value, tried in found]
 
     monkeypatch.setattr(screening.Screen, "_best", best)
     screening.Screen(likelihood, fit.model, sampled).screened(left.found.regression)

@@ -8,7 +8,7 @@ Its variance without an effect is that of the same sum for random innovations. T
 multiplied with a third scalar, and screened again.
 """
 
-from typing import Any, Dict, List, NamedTuple, Sequence
+from typing import Dict, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -20,13 +20,12 @@ from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import LEVEL, Regression
 from ground.analysis.samples import Samples, Scales, evaluated
-from ground.analysis.scalars import ONE, Scalar, product_of_units
+from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
 from ground.recordings import scatter, windows
 from ground.support.annotations import Array, Indices
 
 BIN = 1 / 30  # samples that are taken together [windows]
 RANDOM = 8  # draws of innovations that give the variance of a score
-TOGETHER = 500  # products of one form that are computed together
 KEPT = 120  # products that are tested exactly
 KEPT_OF_ONE = 30  # ... of them on one channel
 LENGTHENED = 40  # best products of two that are multiplied with a third
@@ -36,43 +35,35 @@ LONGEST = 0.5  # move in one iteration, over its reach
 CONSTANT = 3.0  # number of independent features for each that is tested, by a constant that is moved
 
 
-class Product(NamedTuple):
-    """A product of scalars on a channel."""
-
-    value: float  # squared score over its variance, less for the number that it was chosen from
-    tried: int  # that number
-    channel: Channel
-    first: Scalar
-    second: Scalar
-
-
 class Search(NamedTuple):
     """Products of wide scalars and narrow ones, of which the first is ONE, on channels."""
 
     acting: Sequence[Channel]
     wide: Sequence[Scalar]
-    values: Array  # of the wide ones in the middles of the bins (bins, wide)
     narrow: Sequence[Scalar]
-    inside: Array  # values of the narrow ones by bins (bins, narrow, longest)
     of: int = 1  # number of others that each wide scalar was chosen from
+
+
+# A product; its squared score over its variance, less for the number that it was chosen from; and that number
+Product = Tuple[Feature, float, int]
 
 
 class Screen:
     """Scores of products at the samples of all runs. sampled: of each run of a Likelihood."""
 
     def __init__(self, likelihood: Likelihood, model: _core.Model, sampled: Sequence[Samples]) -> None:
-        self.sampled, self.values, scales = sampled, samples.together(sampled), Scales.of(sampled)
+        self.sampled, self.every, scales = sampled, samples.together(sampled), Scales.of(sampled)
         self.edges = _bins(sampled, BIN * windows.length(likelihood.runs))
-        ends = np.append(self.edges, len(self.values["t"]))
-        self.middles = self.edges + np.diff(ends) // 2
-        x, y = self.values["x"], self.values["y"]
+        ends = np.append(self.edges, len(self.every["t"]))
+        self.middles = {name: values[self.edges + np.diff(ends) // 2] for name, values in self.every.items()}
+        x, y = self.every["x"], self.every["y"]
         self.acting, motion = channels.channels(model, scales), scalars.of_motion(model, scales, sampled)
-        few, waves = scalars.few(model, scales), scalars.waves(scales, x, y)
+        few = scalars.few(model, scales)
         self.thirds = [ONE, *map(_renamed, few[1:])]
         self.searches = [
-            self._search(self.acting, [*motion, *scalars.of_place(scales, x, y)], few),
-            self._search(self.acting, waves, [ONE, *scalars.turns()]),
-            self._search(channels.pulls(scales, x, y), motion, few),
+            Search(self.acting, [*motion, *scalars.of_place(scales, x, y)], few),
+            Search(self.acting, scalars.waves(scales, x, y), [ONE, *scalars.turns()]),
+            Search(channels.pulls(scales, x, y), motion, few),
         ]
 
     def screened(self, regression: Regression) -> Regression:
@@ -80,48 +71,37 @@ class Screen:
         draws = np.concatenate(regression.innovations.scores(RANDOM))
         model = regression.fit.model
         found = _sorted([p for search in self.searches for p in self._best(model, draws, search)])
-        best_last = {(p.first.text, p.second.text): p for p in reversed(found) if p.second is not ONE}
+        pairs = [p for p in reversed(found) if len(p[0].factors) > 1]
+        best_last = {tuple(scalar.text for scalar in p[0].factors): p for p in pairs}
         begun = _sorted(list(best_last.values()))[:LENGTHENED]
         if begun:
-            longer = [_product(p.first, p.second) for p in begun]
-            tried = max(p.tried for p in begun) // len(longer)
-            found += self._best(model, draws, self._search(self.acting, longer, self.thirds, tried))
-        found = _sorted(found)[:KEPT]
-        features = [Feature(p.channel, [s for s in (p.first, p.second) if s is not ONE]) for p in found]
-        return regression.extended(features, [p.tried for p in found])
-
-    def _search(
-        self, acting: Sequence[Channel], wide: Sequence[Scalar], narrow: Sequence[Scalar], of: int = 1
-    ) -> Search:
-        inside = self._binned(_values(narrow, self.values, slice(None))).transpose(0, 2, 1)
-        return Search(acting, wide, _values(wide, self.values, self.middles), narrow, inside, of)
-
-    def _binned(self, values: Array) -> Array:
-        """Values (n, k) at all samples, by bins (bins, longest, k); zero behind the end of a shorter one."""
-        sizes = np.diff(np.append(self.edges, len(values)))
-        inside = np.arange(len(values)) - np.repeat(self.edges, sizes)
-        binned = np.zeros((len(sizes), sizes.max(), values.shape[1]), np.float32)
-        binned[np.repeat(np.arange(len(sizes)), sizes), inside] = values
-        return binned
+            longer = [_product(*feature.factors) for feature, _, _ in begun]
+            tried = max(tried for _, _, tried in begun) // len(longer)
+            found += self._best(model, draws, Search(self.acting, longer, self.thirds, tried))
+        features, _, tried_of = zip(*_sorted(found)[:KEPT])
+        return regression.extended(features, tried_of)
 
     def _best(self, model: _core.Model, draws: Array, search: Search) -> List[Product]:
         """The KEPT_OF_ONE best products on each channel. draws: scores of innovations."""
-        units = [Feature(channel) for channel in search.acting]
+        acting, wide, narrow, of = search
+        units = [Feature(channel) for channel in acting]
         directions = np.concatenate([dictionary.wrenches(units, model, s) for s in self.sampled])
-        singles, found = len(search.acting) * len(search.wide) * search.of, []
-        tried = np.array([singles, *[singles * (len(search.narrow) - 1)] * (len(search.narrow) - 1)])
-        for channel, e in zip(search.acting, directions.transpose(2, 0, 1)):
-            weighted = search.inside @ self._binned(np.einsum("ij,ijk->ik", e, draws))
-            z = _scores(search.values, weighted) - 2 * np.log(tried)
+        P, Q = _values(wide, self.middles), _values(narrow, self.every)
+        singles, found = len(acting) * len(wide) * of, []
+        tried = np.array([singles, *[singles * (len(narrow) - 1)] * (len(narrow) - 1)])
+        for channel, e in zip(acting, directions.transpose(2, 0, 1)):
+            scores = np.einsum("ij,ijk->ik", e, draws)
+            weighted = np.array([np.add.reduceat(q[:, None] * scores, self.edges) for q in Q.T], np.float32)
+            z = _scores(P, weighted) - 2 * np.log(tried)
             for at in np.argpartition(-z.ravel(), KEPT_OF_ONE)[:KEPT_OF_ONE].tolist():
-                i, j = divmod(at, len(search.narrow))
-                product = (float(z[i, j]), int(tried[j]), channel, search.wide[i], search.narrow[j])
-                found.append(Product(*product))
+                i, j = divmod(at, len(narrow))
+                factors = [scalar for scalar in (wide[i], narrow[j]) if scalar is not ONE]
+                found.append((Feature(channel, factors), float(z[i, j]), int(tried[j])))
         return found
 
 
 def _sorted(found: List[Product]) -> List[Product]:
-    return sorted(found, key=lambda product: -product.value)
+    return sorted(found, key=lambda product: -product[1])
 
 
 def _product(first: Scalar, second: Scalar) -> Scalar:
@@ -136,10 +116,10 @@ def _renamed(scalar: Scalar) -> Scalar:
 
 
 def _scores(P: Array, weighted: Array) -> Array:
-    """Squared scores of all products of P (bins, wide) and Q over their variances. weighted: (bins, narrow,
+    """Squared scores of all products of P (bins, wide) and Q over their variances. weighted: (narrow, bins,
     1 + RANDOM), sums over each bin of Q times the response of the innovations and of random ones."""
-    scores = np.ascontiguousarray(weighted.transpose(2, 1, 0)).reshape(-1, len(P)) @ P
-    scores = scores.reshape(weighted.shape[2], -1, P.shape[1])
+    rows = np.ascontiguousarray(weighted.transpose(2, 0, 1)).reshape(-1, len(P))  # one product of matrices
+    scores = (rows @ P).reshape(1 + RANDOM, -1, P.shape[1])
     variance = np.einsum("kij,kij->ij", scores[1:], scores[1:]) / RANDOM
     kept = variance > 1e-9 * variance.max()
     return np.asarray(np.where(kept, scores[0] ** 2 / np.maximum(variance, 1e-30), 0.0)).T
@@ -155,23 +135,13 @@ def _bins(sampled: Sequence[Samples], width: float) -> Indices:
     return np.concatenate(edges)
 
 
-def _values(of: Sequence[Scalar], every: Dict[str, Array], at: Any) -> Array:
-    """Scalars (n, k) at some of all samples, each over its root mean square; alike ones together."""
-    known = {name: value[at, None] for name, value in every.items()}
-    values = np.empty((len(known["t"]), len(of)), np.float32)
-    by_text: Dict[str, List[int]] = {}
+def _values(of: Sequence[Scalar], every: Dict[str, Array]) -> Array:
+    """Scalars (n, k), each over its root mean square. every: values by the names in formulas."""
+    found = np.empty((len(every["t"]), len(of)), np.float32)
     for k, scalar in enumerate(of):
-        by_text.setdefault(scalar.text, []).append(k)
-    for text, alike in by_text.items():
-        for first in range(0, len(alike), TOGETHER):
-            columns = alike[first : first + TOGETHER]
-            names = {name: "constant_" + name for name in of[columns[0]].constants}
-            constants = {
-                own: np.array([of[k].constants[name].value for k in columns]) for name, own in names.items()
-            }
-            found = evaluated(text.format(**names), {**known, **constants})
-            values[:, columns] = found / np.maximum(np.sqrt((found**2).mean(axis=0)), 1e-300)
-    return values
+        values = evaluated(filled(scalar.text, scalar.constants), every)
+        found[:, k] = values / max(float(np.sqrt((values**2).mean())), 1e-300)
+    return found
 
 
 def refined(regression: Regression) -> Regression:
