@@ -2,25 +2,31 @@
 
 Recordings are made by the model and the fitted levels. The real ones must not be the most extreme, in the
 error or in the patterns that the filter sees: a push that is stronger in some places or at some times, one of
-a fixed frequency, one that comes back with the same commands. Beside 99 artificial ones, real ones made alike
-are the most extreme once in a hundred times; less often because the model is fitted to them.
+a fixed frequency (innovations are white if the model and its disturbance are true, Kailath 1968), one that
+comes back with the same commands. Beside 99 artificial ones, real ones made alike are the most extreme once
+in a hundred times; less often because the model is fitted to them.
 """
 
 import contextlib
+import itertools
 from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.analysis import patterns, window_error
+from ground.analysis import residuals, window_error
 from ground.analysis.distributions import DEVIATIONS
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.thinning import by_poses_alone
 from ground.analysis.window_error import squared_errors
-from ground.support.annotations import Array, Each, Random
+from ground.recordings import scatter
+from ground.support.annotations import Array, Each, Flags, Random
 from ground.support.errors import GroundError
 
+ALIKE = 0.9  # least correlation of commands that count as the same: edges are some milliseconds apart
+FINEST = 10.0  # periods of the highest frequency in a horizon: faster pushes hardly move a craft in it
+MOST_PAIRS = 20
 FIRST, DRAWS = 19, 99  # artificial recordings; more than the first only where the real ones are extreme
 
 
@@ -49,6 +55,52 @@ class Agreement:
     common: Optional[Common]  # None where no commands were given twice
 
 
+@dataclass(frozen=True)
+class Band:
+    """Frequencies at which a line may stand out, of rows on a grid of time."""
+
+    step: float  # [s]
+    count: int  # of the grid, zeros at its end included
+    inside: Flags  # which of its frequencies
+
+    @property
+    def rates(self) -> Array:
+        """The frequencies [Hz]."""
+        return np.asarray(np.fft.rfftfreq(self.count, self.step)[self.inside])
+
+    def power(self, times: Array, rows: Array) -> Array:
+        """Power (k, n) at the frequencies of rows (m, n) at some times, relative to that of white ones."""
+        at = np.round((times - times[0]) / self.step).astype(int)
+        grid = np.zeros((self.count, rows.shape[1]))
+        np.add.at(grid, at, rows)
+        return np.asarray(np.abs(np.fft.rfft(grid, axis=0)[self.inside]) ** 2 / max(1, len(times)))
+
+
+class Pair(NamedTuple):
+    """Two runs in which the same commands were given."""
+
+    first: int
+    second: int
+    shift: float  # time of the second one less that of the first one, of the same command [s]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the filter sees in the poses of some runs."""
+
+    wrenches: List[Array]  # of the disturbance, relative to its rms in the run, X, Y, N, (n, 3)
+    lines: Array  # power of the innovations in a Band, relative to its median, body and room, (k, 2)
+    common: float  # correlation of the wrench in pairs of runs; 0 without any
+
+    @property
+    def numbers(self) -> List[float]:
+        """What is compared: the larger, the less like a random disturbance. The logarithms of the kurtosis of
+        the wrench, as a push at some times or places only has heavy tails, and of the power of the strongest
+        line in the body frame and in the room; and the correlation."""
+        tails = (np.concatenate(self.wrenches) ** 4).mean(axis=0)
+        return [*np.log(tails), *np.log(self.lines.max(axis=0)), self.common]
+
+
 def agreement(
     runs: Sequence[_core.RunData],
     cut: Sequence[_core.Window],
@@ -59,14 +111,14 @@ def agreement(
 ) -> Agreement:
     """The Agreement of a Fit on runs over windows of them. seconds: horizon of predictions; each: maps over
     artificial recordings."""
-    band, pairs = patterns.band(likelihood.runs, seconds), patterns.pairs(runs)
+    band, pairs = _band(likelihood.runs, seconds), _pairs(runs)
 
-    def compared(recorded: Sequence[_core.RunData]) -> Tuple[float, patterns.Seen]:
+    def compared(recorded: Sequence[_core.RunData]) -> Tuple[float, Seen]:
         """The squared error of recordings, and what the filter sees in them."""
         error = float(squared_errors(recorded, cut, fit.model, scale=runs).mean())
         poses = [by_poses_alone(run) for run in recorded]
         of_poses = Likelihood(poses, likelihood.craft, likelihood.varying)
-        return error, patterns.seen(of_poses, fit, band, pairs)
+        return error, _seen(of_poses, fit, band, pairs)
 
     def made(seed: int) -> Optional[Tuple[List[float], float]]:
         """Numbers of an artificial recording, and the squared correlation of what the filter sees in it and
@@ -77,9 +129,9 @@ def agreement(
             error, found = compared(artificial)
         except GroundError:
             return None
-        width = seconds / patterns.FINEST
+        width = seconds / FINEST
         known = [_at(*given, width) for given in zip(runs, pushes, likelihood.runs)]
-        return [float(np.log(error)), *found.numbers], patterns.alike(found.wrenches, known) ** 2
+        return [float(np.log(error)), *found.numbers], _alike(found.wrenches, known) ** 2
 
     noise = np.nan
     with contextlib.suppress(GroundError):
@@ -144,3 +196,85 @@ def _at(run: _core.RunData, push: Array, thinned: _core.RunData, width: float) -
     sums = np.vstack([np.zeros(3), np.cumsum(push[:-1] * np.diff(times)[:, None], axis=0)])
     ends = [np.column_stack([np.interp(at + side * width / 2, times, c) for c in sums.T]) for side in (-1, 1)]
     return np.asarray(ends[1] - ends[0])
+
+
+def _seen(likelihood: Likelihood, fit: Fit, band: Band, pairs: Sequence[Pair]) -> Seen:
+    """What the filter of a Fit sees in the runs of a Likelihood, without inertial samples."""
+    wrenches, power = [], np.zeros((len(band.rates), 5))
+    for i, run in enumerate(likelihood.runs):
+        left = likelihood.residuals(fit.point, i)
+        wrench = np.array(left["wrench"])
+        wrenches.append(wrench / np.maximum(np.sqrt((wrench**2).mean(axis=0)), 1e-30))
+        scored = np.array(left["scored"], bool)
+        if not scored.any():
+            continue
+        # The innovations of positions, x and y, are independent and of variance one; so they are when turned.
+        x, y, turn = np.array(left["whitened"])[scored, :3].T
+        c, s = np.cos(np.array(run.eta)[scored, 2]), np.sin(np.array(run.eta)[scored, 2])
+        rows = np.column_stack([c * x + s * y, c * y - s * x, turn, x, y])
+        rows = (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-30)
+        power += band.power(np.array(run.times)[scored], rows)
+    lines = np.column_stack([power[:, :3].sum(axis=1), power[:, 3:].sum(axis=1)])
+    common = []
+    for pair in pairs:
+        both = [
+            np.column_stack([np.interp(at, np.array(likelihood.runs[k].times), w) for w in wrenches[k].T])
+            for k, at in _together(likelihood.runs, pair)
+        ]
+        common.append(_alike(both[:1], both[1:]))
+    lines = lines / np.maximum(np.median(lines, axis=0), 1e-300)
+    return Seen(wrenches, lines, float(np.mean(common)) if common else 0.0)
+
+
+def _band(runs: Sequence[_core.RunData], seconds: float) -> Band:
+    """The Band of runs; seconds: horizon of predictions."""
+    durations = [run.times[-1] - run.times[0] for run in runs]
+    steps = [scatter.interval(np.array(run.times)) for run in runs]
+    # twice as fine as the longest run
+    count = 2 ** int(np.ceil(np.log2(2 * max(durations) / min(steps) + 2)))
+    rates = np.fft.rfftfreq(count, min(steps))
+    # two periods of the lowest one in a run of usual length
+    lowest = 2 / max(float(np.median(durations)), 1e-9)
+    highest = max(min(FINEST / seconds, 0.4 / max(steps)), 2 * lowest)
+    inside = (rates >= lowest) & (rates <= highest)
+    inside[-1] |= not inside.any()  # of a run that is too short for a line
+    return Band(min(steps), count, inside)
+
+
+def _pairs(runs: Sequence[_core.RunData]) -> List[Pair]:
+    """The Pairs of runs that were given the same commands, from their first change on; MOST_PAIRS of many."""
+    begins, found = [_driven(run)[0] for run in runs], []
+    for i, j in itertools.combinations(range(len(runs)), 2):
+        pair = Pair(i, j, begins[j] - begins[i])
+        given = [residuals.held(runs[k], at)[:, :-1] for k, at in _together(runs, pair)]
+        a, b = ((one - one.sum(axis=0) / max(1, len(one))).ravel() for one in given)
+        if float(a @ b) > ALIKE * max(float(a @ a), float(b @ b), 1e-300):
+            found.append(pair)
+    return found[:: 1 + max(0, len(found) - 1) // MOST_PAIRS]
+
+
+def _driven(run: _core.RunData) -> Tuple[float, float]:
+    """Times of the first change of a command, and of the end of thrust [s]."""
+    inputs = np.array(run.inputs)
+    changes = np.flatnonzero((inputs[1:, 1:-1] != inputs[:-1, 1:-1]).any(axis=1)) + 1
+    if not len(changes):
+        return run.times[0], run.times[-1]
+    ends = run.times[-1] if inputs[-1, 1:-1].any() else inputs[changes[-1], 0]
+    return float(inputs[changes[0], 0]), float(ends)
+
+
+def _together(runs: Sequence[_core.RunData], pair: Pair) -> List[Tuple[int, Array]]:
+    """Both runs of a pair, and times of each in which both are driven; a wall may have ended one earlier."""
+    times = np.array(runs[pair.first].times)
+    found = [(pair.first, times), (pair.second, times + pair.shift)]
+    inside = times + pair.shift >= runs[pair.second].times[0]
+    for k, at in found:
+        begin, end = _driven(runs[k])
+        inside &= (at >= begin) & (at <= min(end, runs[k].times[-1]))
+    return [(k, at[inside]) for k, at in found]
+
+
+def _alike(first: Sequence[Array], second: Sequence[Array]) -> float:
+    """Correlation of wrenches (n, 3) of some runs, mean over X, Y, N."""
+    a, b = (np.concatenate([w - w.mean(axis=0) for w in wrenches]) for wrenches in (first, second))
+    return float(np.mean((a * b).mean(axis=0) / np.maximum(a.std(axis=0) * b.std(axis=0), 1e-300)))
