@@ -22,6 +22,7 @@ from ground.analysis import (
 )
 from ground.analysis.agreement import agreement
 from ground.analysis.ceiling import ceiling
+from ground.analysis.innovations import Innovations
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
 from ground.analysis.window_error import squared_errors
@@ -210,7 +211,7 @@ def regression_of(likelihood, fit, formulas):
         for parts in formulas
     ]
     sampled = [samples.of_run(likelihood, fit, i) for i in range(len(likelihood.runs))]
-    return Regression(likelihood, fit, features, sampled)
+    return Regression(Innovations(likelihood, fit), features, sampled, [1] * len(features))
 
 
 def test_what_the_parameters_can_follow_is_no_feature(pushed):
@@ -248,11 +249,11 @@ def test_a_part_of_a_run_holds_what_acts_in_its_time_also_where_poses_are_lost_u
     likelihood = Likelihood([run.replaced(**of_kept)], craft())
     fit = likelihood.fit(craft(), FREE)
     regression = regression_of(likelihood, fit, [{"N": "sin(psi)"}])
-    for before, part in zip(regression.parts, regression.parts[1:]):
+    for (before, _), (rows, span) in zip(regression.parts, regression.parts[1:]):
         wrench = np.zeros((len(likelihood.runs[0].times), 3, 1))
-        wrench[part.span, 2] = 1e-3
+        wrench[span, 2] = 1e-3
         acts = np.flatnonzero(np.abs(regression.innovations.responses([wrench])[:, 0]) > 0)
-        assert before.rows.stop <= acts.min() < part.rows.start + 10
+        assert before.stop <= acts.min() < rows.start + 10
 
 
 def test_sizes_are_shares_of_the_thrust_at_the_largest_input():

@@ -10,7 +10,7 @@ in a hundred times; less often because the model is fitted to them.
 import contextlib
 import itertools
 from dataclasses import dataclass
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -76,29 +76,9 @@ class Band:
         return np.asarray(np.abs(np.fft.rfft(grid, axis=0)[self.inside]) ** 2 / max(1, len(times)))
 
 
-class Pair(NamedTuple):
-    """Two runs in which the same commands were given."""
-
-    first: int
-    second: int
-    shift: float  # time of the second one less that of the first one, of the same command [s]
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What the filter sees in the poses of some runs."""
-
-    wrenches: List[Array]  # of the disturbance, relative to its rms in the run, X, Y, N, (n, 3)
-    lines: Array  # power of the innovations in a Band, relative to its median, body and room, (k, 2)
-    common: float  # correlation of the wrench in pairs of runs; 0 without any
-
-    @property
-    def numbers(self) -> List[float]:
-        """What is compared: the larger, the less like a random disturbance. The logarithms of the kurtosis of
-        the wrench, as a push at some times or places only has heavy tails, and of the power of the strongest
-        line in the body frame and in the room; and the correlation."""
-        tails = (np.concatenate(self.wrenches) ** 4).mean(axis=0)
-        return [*np.log(tails), *np.log(self.lines.max(axis=0)), self.common]
+# Two runs in which the same commands were given, and the time of the second one less that of the first one,
+# of the same command [s]
+Pair = Tuple[int, int, float]
 
 
 def agreement(
@@ -113,12 +93,13 @@ def agreement(
     artificial recordings."""
     band, pairs = _band(likelihood.runs, seconds), _pairs(runs)
 
-    def compared(recorded: Sequence[_core.RunData]) -> Tuple[float, Seen]:
-        """The squared error of recordings, and what the filter sees in them."""
-        error = float(squared_errors(recorded, cut, fit.model, scale=runs).mean())
+    def compared(recorded: Sequence[_core.RunData]) -> Tuple[List[float], List[Array], Array]:
+        """Numbers of recordings, the logarithm of the squared error first, and what _seen gives."""
+        error = squared_errors(recorded, cut, fit.model, scale=runs).mean()
         poses = [by_poses_alone(run) for run in recorded]
         of_poses = Likelihood(poses, likelihood.craft, likelihood.varying)
-        return error, _seen(of_poses, fit, band, pairs)
+        numbers, wrenches, lines = _seen(of_poses, fit, band, pairs)
+        return [float(np.log(error)), *numbers], wrenches, lines
 
     def made(seed: int) -> Optional[Tuple[List[float], float]]:
         """Numbers of an artificial recording, and the squared correlation of what the filter sees in it and
@@ -126,20 +107,19 @@ def agreement(
         random = np.random.default_rng(seed)
         try:
             artificial, pushes = zip(*(_pushed(run, fit, i, random) for i, run in enumerate(runs)))
-            error, found = compared(artificial)
+            numbers, wrenches, _ = compared(artificial)
         except GroundError:
             return None
         width = seconds / FINEST
         known = [_at(*given, width) for given in zip(runs, pushes, likelihood.runs)]
-        return [float(np.log(error)), *found.numbers], _alike(found.wrenches, known) ** 2
+        return numbers, _alike(wrenches, known) ** 2
 
     noise = np.nan
     with contextlib.suppress(GroundError):
         quiet = [window_error.recorded(run, fit.model, np.random.default_rng(0)) for run in runs]
         noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
-    error, real = compared(runs)
-    rows, seen_of_push = [[float(np.log(error)), *real.numbers]], []
-    holds = False
+    real, _, power = compared(runs)
+    rows, seen_of_push, holds = [real], [], False
     for seeds in (range(FIRST), range(FIRST, DRAWS)):
         drawn = [one for one in each(made, seeds) if one is not None]
         rows += [numbers for numbers, _ in drawn]
@@ -149,19 +129,19 @@ def agreement(
         if holds:
             break
     numbers = np.array(rows)
-    average = np.exp(numbers[1:, 0]).mean() if rows[1:] else error
+    average = np.exp(numbers[1:, 0] if rows[1:] else numbers[:, 0]).mean()
     off = _deviations(numbers)[0]
     frequency, common, lines = None, None, off[4:6]  # behind the error and the tails
     if not holds and lines.max() == off.max():
-        frequency = float(band.rates[np.argmax(real.lines[:, int(np.argmax(lines))])])
+        frequency = float(band.rates[np.argmax(power[:, int(np.argmax(lines))])])
     if pairs:
         # without anything in common, artificial ones differ as much; the filter sees a part of a push only
         seen = max(float(np.mean(seen_of_push)), 1e-3) if seen_of_push else 1e-3
         half = DEVIATIONS * float(numbers[1:, -1].std()) if rows[1:] else np.inf
-        low, high = ((real.common + side * half) / seen for side in (-1, 1))
+        low, high = ((real[-1] + side * half) / seen for side in (-1, 1))
         stands_out = not holds and bool(off[-1] == off.max())
-        common = Common(len(pairs), real.common / seen, low, high, stands_out)
-    measured, expected, floor = (float(np.sqrt(value)) for value in (error, average, noise))
+        common = Common(len(pairs), real[-1] / seen, low, high, stands_out)
+    measured, expected, floor = (float(np.sqrt(value)) for value in (np.exp(real[0]), average, noise))
     return Agreement(measured, expected, floor, holds, frequency, common)
 
 
@@ -198,8 +178,15 @@ def _at(run: _core.RunData, push: Array, thinned: _core.RunData, width: float) -
     return np.asarray(ends[1] - ends[0])
 
 
-def _seen(likelihood: Likelihood, fit: Fit, band: Band, pairs: Sequence[Pair]) -> Seen:
-    """What the filter of a Fit sees in the runs of a Likelihood, without inertial samples."""
+def _seen(
+    likelihood: Likelihood, fit: Fit, band: Band, pairs: Sequence[Pair]
+) -> Tuple[List[float], List[Array], Array]:
+    """What the filter of a Fit sees in the runs of a Likelihood, without inertial samples: numbers, the
+    larger, the less like a random disturbance; the wrench X, Y, N (n, 3) of each run, relative to its rms; and
+    the power of the innovations in a Band, relative to its median, body and room (k, 2).
+
+    The numbers are the logarithms of the kurtosis of the wrench, as a push at some times or places only has
+    heavy tails, and of the strongest lines; and the correlation of the wrench in pairs, 0 without any."""
     wrenches, power = [], np.zeros((len(band.rates), 5))
     for i, run in enumerate(likelihood.runs):
         left = likelihood.residuals(fit.point, i)
@@ -223,7 +210,9 @@ def _seen(likelihood: Likelihood, fit: Fit, band: Band, pairs: Sequence[Pair]) -
         ]
         common.append(_alike(both[:1], both[1:]))
     lines = lines / np.maximum(np.median(lines, axis=0), 1e-300)
-    return Seen(wrenches, lines, float(np.mean(common)) if common else 0.0)
+    tails = (np.concatenate(wrenches) ** 4).mean(axis=0)
+    numbers = [*np.log(tails), *np.log(lines.max(axis=0)), float(np.mean(common)) if common else 0.0]
+    return numbers, wrenches, lines
 
 
 def _band(runs: Sequence[_core.RunData], seconds: float) -> Band:
@@ -245,7 +234,7 @@ def _pairs(runs: Sequence[_core.RunData]) -> List[Pair]:
     """The Pairs of runs that were given the same commands, from their first change on; MOST_PAIRS of many."""
     begins, found = [_driven(run)[0] for run in runs], []
     for i, j in itertools.combinations(range(len(runs)), 2):
-        pair = Pair(i, j, begins[j] - begins[i])
+        pair = (i, j, begins[j] - begins[i])
         given = [residuals.held(runs[k], at)[:, :-1] for k, at in _together(runs, pair)]
         a, b = ((one - one.sum(axis=0) / max(1, len(one))).ravel() for one in given)
         if float(a @ b) > ALIKE * max(float(a @ a), float(b @ b), 1e-300):
@@ -265,9 +254,10 @@ def _driven(run: _core.RunData) -> Tuple[float, float]:
 
 def _together(runs: Sequence[_core.RunData], pair: Pair) -> List[Tuple[int, Array]]:
     """Both runs of a pair, and times of each in which both are driven; a wall may have ended one earlier."""
-    times = np.array(runs[pair.first].times)
-    found = [(pair.first, times), (pair.second, times + pair.shift)]
-    inside = times + pair.shift >= runs[pair.second].times[0]
+    first, second, shift = pair
+    times = np.array(runs[first].times)
+    found = [(first, times), (second, times + shift)]
+    inside = times + shift >= runs[second].times[0]
     for k, at in found:
         begin, end = _driven(runs[k])
         inside &= (at >= begin) & (at <= min(end, runs[k].times[-1]))

@@ -1,14 +1,8 @@
 """The ceiling of a model: how much of its error any function of what was recorded could still explain.
 
-A regression of the innovations (ground.analysis.regression) finds what they depend on. Its wrench
-for each run is estimated from the other runs (from the other quarters of a single run) and handed
-to the filter as a known input; levels and parameters are fitted again, and the regression
-repeated: a large wrench is hidden in the levels of the disturbance at first. A round is kept if
-the likelihood of the poses rises.
-
-Shares are of the squared error of simulated velocities over windows, each relative to its standard
-deviation in the run: *named* by the effects that were found, *learnable*, and *chance*, which
-nothing recorded predicts.
+A regression of the innovations (ground.analysis.regression) finds what they depend on. Its wrench for each
+run, estimated from the others, is handed to the filter as a known input; levels and parameters are fitted
+again, and the regression repeated (docs/theory/ceiling.md).
 """
 
 import functools
@@ -21,6 +15,7 @@ from ground import _core
 from ground.analysis import dictionary, samples
 from ground.analysis.distributions import DEVIATIONS
 from ground.analysis.folds import excerpt
+from ground.analysis.innovations import Innovations
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Scales
@@ -188,7 +183,8 @@ def _searched(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, Optional[Fo
     kept."""
     sampled = [samples.of_run(likelihood, fit, i) for i in range(len(likelihood.runs))]
     features = dictionary.dictionary(fit.model, Scales.of(sampled))
-    first = regression = Regression(likelihood, fit, features, sampled)
+    innovations = Innovations(likelihood, fit)
+    first = regression = Regression(innovations, features, sampled, [len(features)] * len(features))
     best, screen, near = None, Screen(likelihood, fit.model, sampled), fit
     for _ in range(ROUNDS):
         wider = refined(screen.screened(regression))
@@ -208,7 +204,7 @@ def _searched(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, Optional[Fo
                 best = Found(wider, terms, refitted, wrenches)
             if rise < ENOUGH:
                 break
-            regression = wider.again(current, refitted, wider.promising(PROMISING, terms))
+            regression = wider.again(Innovations(current, refitted), wider.promising(PROMISING, terms))
         except GroundError:  # the motion is not finite
             break
         near = refitted
@@ -265,11 +261,11 @@ def _bound(
 def _moved(regression: Regression, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> Array:
     """Change of the velocities over windows, relative to their standard deviations, by each
     feature of a mean square of one. The motion is that of a damped mass in each direction."""
-    model, rows = regression.fit.model, []
+    model, rows = regression.model, []
     inertia = np.array([model.value("m"), model.value("m"), model.value("I_z")])
     rates = np.array([model.value(name) for name in ("X_u", "Y_v", "N_r")]) / inertia
     for window in cut:
-        i, run = window.run, regression.likelihood.runs[window.run]  # thinned
+        i, run = window.run, regression.innovations.likelihood.runs[window.run]  # thinned
         times = np.array(run.times)
         first, last = np.searchsorted(times, [runs[i].times[k] for k in (window.first, window.last)])
         since = times[first:last, None] - times[None, first:last]

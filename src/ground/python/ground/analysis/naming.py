@@ -58,7 +58,7 @@ def formula(
     if not chosen:
         return None
     at, _, weights = regression.posterior(chosen)
-    memory = samples.memory(regression.fit.model, regression.sampled[0].time_scale)
+    memory = samples.memory(regression.model, regression.sampled[0].time_scale)
     first = 1 + max([piece.number for piece in kept], default=0)
     pieces = [
         _piece(regression.features[j], size, first + i, memory)

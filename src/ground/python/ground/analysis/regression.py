@@ -19,7 +19,6 @@ from ground.analysis import dictionary
 from ground.analysis.dictionary import Feature
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.innovations import Innovations
-from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.missing_wrench import full_scale
 from ground.analysis.samples import Samples
 from ground.analysis.window_error import PARTS
@@ -57,40 +56,26 @@ class Posterior(NamedTuple):
     mean: Array
 
 
-class Part(NamedTuple):
-    """A part of the runs that is predicted from the others."""
-
-    rows: slice  # of the regression
-    span: slice  # samples of all runs
-
-
 class Regression:
-    """The regression of a Fit's innovations on features. sampled: Samples of each run; tried: number of
-    features that each was chosen from, by default all."""
+    """The regression of innovations on features. sampled: Samples of each run; tried: number of features that
+    each was chosen from."""
 
     def __init__(
-        self,
-        likelihood: Likelihood,
-        fit: Fit,
-        features: Sequence[Feature],
-        sampled: Sequence[Samples],
-        tried: Sequence[float] = (),
+        self, of: Innovations, features: Sequence[Feature], sampled: Sequence[Samples], tried: Sequence[float]
     ) -> None:
-        self.likelihood, self.fit, self.sampled = likelihood, fit, sampled
-        self.full = full_scale(fit.model)
-        self.innovations = Innovations(likelihood, fit)
-        self.y = self.innovations.y
+        self.innovations, self.sampled, self.y, self.model = of, sampled, of.y, of.fit.model
+        self.full = full_scale(self.model)
         self.edges = np.cumsum([0] + [len(s.times) for s in sampled])  # of the runs, in all samples
         self.parts = self._parts()
         # orthonormal columns that span what parameters can follow
-        followed = np.concatenate([dictionary.followed(fit.model, s) for s in sampled]) / self.full[:, None]
+        followed = np.concatenate([dictionary.followed(self.model, s) for s in sampled]) / self.full[:, None]
         left, sizes, _ = np.linalg.svd(followed.reshape(-1, followed.shape[2]), full_matrices=False)
         self._basis = left[:, sizes > 1e-9 * sizes.max()]
         self.features: List[Feature] = []
         self.wrenches, self.scale = np.empty((self.edges[-1], 3, 0)), np.empty(0)
         self.D, self.active = np.empty((len(self.y), 0)), np.empty(0, bool)
         self.tried = np.empty(0)  # number of features that each was chosen from
-        self._add(features, tried if len(tried) else [len(features)] * len(features))
+        self._add(features, tried)
         self.families = self._families()
 
     def extended(self, features: Sequence[Feature], tried: Sequence[float]) -> "Regression":
@@ -99,21 +84,21 @@ class Regression:
         longer._add(features, tried)
         return longer
 
-    def again(self, likelihood: Likelihood, fit: Fit, columns: Indices) -> "Regression":
-        """The Regression of another fit's innovations on some of the features."""
-        features = [self.features[j] for j in columns]
-        return Regression(likelihood, fit, features, self.sampled, self.tried[columns].tolist())
+    def again(self, of: Innovations, columns: Indices) -> "Regression":
+        """The Regression of other innovations on some of the features."""
+        return Regression(of, [self.features[j] for j in columns], self.sampled, self.tried[columns].tolist())
 
     # The linear system
 
-    def _parts(self) -> List[Part]:
-        """Each run, or the quarters of a single run."""
+    def _parts(self) -> List[Tuple[slice, slice]]:
+        """Parts that are predicted from the others, each run or the quarters of a single run: rows of the
+        regression, and samples of all runs."""
         rows, edges = self.innovations.rows, self.edges
         if len(self.sampled) == 1:
             edges = np.linspace(0, edges[-1], PARTS + 1).astype(int)
             rows = np.array([0, *self.innovations.rows_before(0, edges[1:-1]), rows[-1]])
         rows_of, spans = ([slice(a, b) for a, b in zip(ends[:-1], ends[1:])] for ends in (rows, edges))
-        return [Part(*both) for both in zip(rows_of, spans)]
+        return list(zip(rows_of, spans))
 
     def _add(self, features: Sequence[Feature], tried: Sequence[float]) -> None:
         wrenches, moved, active = self.responses(features)
@@ -135,8 +120,7 @@ class Regression:
         """Wrenches (n, 3, k) of features, over full thrust, less what parameters can follow: their weights
         would run away with these; what they change in the innovations (rows, k), not projected; and which of
         them act in enough samples to be learned, beside the parameters."""
-        model = self.fit.model
-        acting = np.concatenate([dictionary.wrenches(features, model, s) for s in self.sampled])
+        acting = np.concatenate([dictionary.wrenches(features, self.model, s) for s in self.sampled])
         A = (acting / self.full[:, None]).reshape(-1, len(features))
         before = (A * A).sum(axis=0)
         A -= self._basis @ (self._basis.T @ A)
@@ -278,28 +262,28 @@ class Regression:
 
     # Predictions
 
-    def _by_part(self, terms: Sequence[Term]) -> Iterator[Tuple[Part, Indices, Array]]:
-        """Each part, the columns of terms, and their weights from all other parts."""
+    def _by_part(self, terms: Sequence[Term]) -> Iterator[Tuple[slice, slice, Indices, Array]]:
+        """Rows and samples of each part, the columns of terms, and their weights from all other parts."""
         at, variances = self._columns(terms)
         D = self.D[:, at]
         whole = D.T @ D + np.diag(1 / variances)
-        for part in self.parts:
-            own = D[part.rows]
-            yield part, at, np.linalg.solve(whole - own.T @ own, self.b[at] - own.T @ self.y[part.rows])
+        for rows, span in self.parts:
+            own = D[rows]
+            yield rows, span, at, np.linalg.solve(whole - own.T @ own, self.b[at] - own.T @ self.y[rows])
 
     def _gain(self, terms: Sequence[Term]) -> float:
         """Log-likelihood that terms gain on each part, fitted to the others, together."""
         total = 0.0
-        for part, at, weights in self._by_part(terms):
-            change = self.D[part.rows][:, at] @ weights
-            total += float(change @ (self.y[part.rows] - change / 2))
+        for rows, _, at, weights in self._by_part(terms):
+            change = self.D[rows][:, at] @ weights
+            total += float(change @ (self.y[rows] - change / 2))
         return total
 
     def predicted(self, terms: Sequence[Term]) -> List[Array]:
         """Wrench (n, 3) along each run, each part predicted from the others [N], [N m]."""
         wrenches = np.zeros(self.wrenches.shape[:2])
-        for part, at, weights in self._by_part(terms):
-            wrenches[part.span] = self.wrenches[part.span][:, :, at] @ (self.scale[at] * weights) * self.full
+        for _, span, at, weights in self._by_part(terms):
+            wrenches[span] = self.wrenches[span][:, :, at] @ (self.scale[at] * weights) * self.full
         return np.split(wrenches, self.edges[1:-1])
 
     def promising(self, most: int, terms: Sequence[Term]) -> Indices:

@@ -69,7 +69,7 @@ class Screen:
     def screened(self, regression: Regression) -> Regression:
         """The Regression with the products that have the largest scores."""
         draws = np.concatenate(regression.innovations.scores(RANDOM))
-        model = regression.fit.model
+        model = regression.model
         found = _sorted([p for search in self.searches for p in self._best(model, draws, search)])
         pairs = [p for p in reversed(found) if len(p[0].factors) > 1]
         best_last = {tuple(scalar.text for scalar in p[0].factors): p for p in pairs}
