@@ -344,7 +344,7 @@ def test_a_function_of_the_screen_is_a_formula_of_a_model_file():
     memory = samples.memory(model, SCALES.time_scale)
     kinds = {}
     for scalar in (
-        scalars.of_motion(model, SCALES, [sampled])
+        scalars.of_motion(model, SCALES, sampled.values)
         + scalars.few(model, SCALES)
         + scalars.of_place(SCALES, sampled.values["x"], sampled.values["y"])
     ):

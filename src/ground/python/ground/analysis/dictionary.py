@@ -16,7 +16,7 @@ from ground import _core
 from ground.analysis import channels, scalars
 from ground.analysis.channels import ACROSS, ALONG, DAMPING, ON_BODY, Channel
 from ground.analysis.samples import IN_ROOM, MEMORIES, SWINGS, Samples, Scales, evaluated, inputs, total
-from ground.analysis.scalars import FAR, ONE, Constant, Scalar, arguments, filled, means, of, product_of_units
+from ground.analysis.scalars import ONE, Constant, Scalar, arguments, filled, means, of, product_of_units
 from ground.support.annotations import Array
 
 
@@ -104,9 +104,7 @@ class Feature:
         return replace(self, channel=moved(self.channel), factors=[moved(one) for one in self.factors])
 
 
-Row = Tuple[
-    str, Sequence[Channel], Sequence[Scalar]
-]  # a family: each of some functions on each of some channels
+Row = Tuple[str, Sequence[Channel], Sequence[Scalar]]  # a family: each function on each channel
 
 
 def dictionary(model: _core.Model, scales: Scales) -> List[Feature]:
@@ -125,7 +123,7 @@ def _families(model: _core.Model, scales: Scales) -> Iterator[Row]:
     """Families whose formulas mean something by themselves."""
     X, Y, N = ON_BODY
     room, thrust = channels.directions(2), channels.thrusts(model)
-    (cx, cy), far = scales.centre, FAR * scales.extent
+    (cx, cy), far = scales.centre, scales.far
     turns, velocities = scalars.turns(), scalars.velocities()
     yield "moment by heading", [N], turns
     yield "force by heading", [X, Y], turns

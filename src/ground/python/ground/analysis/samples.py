@@ -18,8 +18,8 @@ from ground.recordings import headings, scatter, windows
 from ground.support.annotations import Array
 
 RESTART = 0.25  # time that velocities are simulated from a filtered state [time scales]
-HOPS = 3  # restarts in that time
 MEMORIES = (0.05, 0.15, 0.5, 1.5, 4.0)  # time constants of the past [time scales]
+SHARP = 0.15  # width of a step or of a change of sign, in standard deviations of its variable
 SWINGS = (0.5, 0.8, 1.3, 2.0)  # frequencies of what may swing on the craft [1 / time scale]
 FUNCTIONS = {"sin": np.sin, "cos": np.cos, "abs": np.abs, "sqrt": np.sqrt, "exp": np.exp}
 IN_ROOM = {"x": "(u*cos(psi)-v*sin(psi))", "y": "(u*sin(psi)+v*cos(psi))"}  # velocity along its axes
@@ -48,7 +48,17 @@ class Scales:
     @property
     def slow(self) -> float:
         """Speed below which a direction of motion fades [m/s]."""
-        return 0.15 * self.speed
+        return SHARP * self.speed
+
+    @property
+    def far(self) -> float:
+        """Largest distance of a point that a force may depend on [m]."""
+        return 100 * self.extent
+
+    @property
+    def crossed(self) -> float:
+        """Time in which the craft crosses the shortest wavelength [s]."""
+        return self.time_scale / 4
 
     @staticmethod
     def of(sampled: Sequence[Samples]) -> "Scales":
@@ -145,14 +155,14 @@ def samples_of(model: _core.Model, values: Mapping[str, Array], times: Array, ti
 
 
 def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
-    """Velocities (n, 3), each simulated without correction for at least (HOPS - 1) / HOPS of RESTART."""
+    """Velocities (n, 3), each simulated without correction for at least two thirds of RESTART."""
     data = likelihood.runs[run]
     left = likelihood.residuals(fit.point, run)
     states, constants, times = left["states"], left["constants"], np.array(data.times)
     known = np.array(data.wrench) if len(data.wrench) else np.zeros((len(times), 3))
     nu, step = np.array(states[:, 3:]), scatter.interval(times)
     reach = max(2, int(round(RESTART * windows.time_scale([data]) / step)))
-    hop = max(1, reach // HOPS)
+    hop = max(1, reach // 3)
     for first in range(0, len(times) - reach, hop):
         last = min(len(times) - 1, first + reach)
         if times[last] - times[first] > 2 * reach * step:

@@ -11,8 +11,7 @@ from typing import FrozenSet, Iterator, List, Mapping, NamedTuple, Optional, Seq
 import numpy as np
 
 from ground import _core
-from ground.analysis import samples
-from ground.analysis.samples import MEMORIES, Samples, Scales, evaluated, inputs, total
+from ground.analysis.samples import MEMORIES, SHARP, Scales, evaluated, inputs, total
 from ground.support.annotations import Array
 
 # What a function may depend on, by the names in its formula
@@ -20,11 +19,8 @@ ARGUMENTS = {
     "heading": "psi", "place": "[xy]", "velocity": "[uvr]", "command": r"u_\w+|lift",
     "past": r"[pqlwsab]\d\w*|used", "time": "t",
 }  # fmt: skip
-CROSSED = 0.25  # time in which the craft crosses the shortest wavelength [time scales]
-FAR = 100.0  # largest distance of a point that a force may depend on, over the extent of the motion
 WAVES = 6000  # wave vectors
 BELLS = 150  # centres of bells of one size
-SHARP = 0.15  # width of a step, in standard deviations of its variable
 
 
 class Constant(NamedTuple):
@@ -48,7 +44,6 @@ class Scalar(NamedTuple):
 
 
 ONE = Scalar("1")
-SPEED = "sqrt(u^2+v^2)"
 SLIDING = "(u*cos(psi+{d0})-v*sin(psi+{d0}))"  # velocity along a direction of the room
 
 
@@ -109,7 +104,7 @@ def velocities() -> List[Scalar]:
 
 def signs(scales: Scales) -> List[Scalar]:
     """Directions of the motion: what dry friction depends on."""
-    slow, slow_turn = scales.slow**2, (0.15 * scales.turn) ** 2
+    slow, slow_turn = scales.slow**2, (SHARP * scales.turn) ** 2
     text = "u/sqrt(u^2+v^2+s) - v/sqrt(u^2+v^2+s) - u/sqrt(u^2+s) - v/sqrt(v^2+s)".replace(
         "+s", "+%.3g" % slow
     )
@@ -127,13 +122,13 @@ def commands(model: _core.Model) -> List[Scalar]:
 
 def few(model: _core.Model, scales: Scales) -> List[Scalar]:
     """Scalars that all others are multiplied with."""
-    (cx, cy), far = scales.centre, FAR * scales.extent
+    (cx, cy), far = scales.centre, scales.far
     middle = {"x1": Constant(cx, "m", far), "y1": Constant(cy, "m", far)}
     differences = ["abs" + difference for difference in _from_mean(model)]
     return [
         ONE,
         *turns(),
-        *of("u m/s v m/s r rad/s abs(r) rad/s %s m/s" % SPEED),
+        *of("u m/s v m/s r rad/s abs(r) rad/s sqrt(u^2+v^2) m/s"),
         *signs(scales),
         *_course(scales, [0.0, np.pi / 2]),
         *(Scalar(text) for text in [*inputs(model), "lift", total(model), *differences]),
@@ -154,29 +149,26 @@ def means(kind: str, unit: str = "-", less: str = "") -> List[Scalar]:
     return [Scalar("(%s-%s)" % (name, less) if less else name, unit) for name in names]
 
 
-def of_motion(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) -> List[Scalar]:
-    """Scalars that are multiplied with a few, other than those of the place."""
-    every, differences = samples.together(sampled), _from_mean(model)
-    variables = of(
-        "u m/s v m/s r rad/s abs(u) m/s abs(v) m/s abs(r) rad/s %s m/s abs(v/sqrt(u^2+v^2+%.3g)) -"
-        % (SPEED, scales.slow**2)
-    )
+def of_motion(model: _core.Model, scales: Scales, every: Mapping[str, Array]) -> List[Scalar]:
+    """Scalars that are multiplied with a few, other than those of the place. every: values by name."""
+    slow, differences = "+%.3g" % scales.slow**2, _from_mean(model)
+    slip = "abs(v/sqrt(u^2+v^2%s)) -" % slow
+    variables = of("u m/s v m/s r rad/s abs(u) m/s abs(v) m/s abs(r) rad/s sqrt(u^2+v^2) m/s " + slip)
     variables += [Scalar(text) for text in [*inputs(model), total(model), *differences]]
-    deviations = [float(evaluated(variable.text, every).std()) for variable in variables]
-    varying = [(variable, deviation) for variable, deviation in zip(variables, deviations) if deviation > 0]
+    known = [(variable, evaluated(variable.text, every)) for variable in variables]
+    varying = [(variable, values, float(values.std())) for variable, values in known if values.std() > 0]
     forms = ("abs(%s)", "%s^2", "%s*abs(%s)", "%s^3", "%s/sqrt(abs(%s)+0.01)")
     half = np.pi / scales.duration  # half a wave in the longest run [rad/s]
-    each_way = "{0:s}/(u^2+v^2+{1:.3g}) -"
     return [
         ONE,
         *turns(),
         *velocities(),
         *signs(scales),
-        *(s for f in ("u*v", "(u^2-v^2)") for s in of(each_way.format(f, scales.slow**2))),
+        *of("u*v/(u^2+v^2+s) - (u^2-v^2)/(u^2+v^2+s) -".replace("+s", slow)),
         *in_room(scales),
-        *(step for v, deviation in varying for step in _steps(v, evaluated(v.text, every), deviation)),
+        *(step for variable, values, deviation in varying for step in _steps(variable, values, deviation)),
         # up to a few half waves over most of the values
-        *(wave for v, deviation in varying for wave in _sines(v, np.pi / (3.5 * deviation), 3, 0.5)),
+        *(wave for v, _, deviation in varying for wave in _sines(v, np.pi / (3.5 * deviation), 3, 0.5)),
         *commands(model),
         *(Scalar(form.replace("%s", difference)) for difference in differences for form in forms),
         *_of_time(scales),
@@ -186,11 +178,6 @@ def of_motion(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) ->
         *means("w_r", "rad/s"),
         *_bells_of_time(scales),
     ]
-
-
-def of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
-    """Scalars of the place that are multiplied with a few."""
-    return [*_bells_of_place(scales, x, y), *_angles_of_place(scales, x, y)]
 
 
 def _from_mean(model: _core.Model) -> List[str]:
@@ -218,15 +205,16 @@ def in_room(scales: Scales) -> List[Scalar]:
     return found
 
 
-def _angles_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
-    """Functions of the direction in which a point of the room lies."""
+def of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
+    """Scalars of the place that are multiplied with a few: bells, and functions of the direction in which a
+    point of the room lies."""
     width = scales.extent / 4
     forms = (
         "a/sqrtR - b/sqrtR - (a^2-b^2)/R - a*b/R - a*(a^2-3*b^2)/R^1.5 - b*(3*a^2-b^2)/R^1.5 - sqrtR m"
         .replace("R", "(a^2+b^2+%.3g)" % (width / 4) ** 2)
         .replace("a", "(x-{x0})").replace("b", "(y-{y0})")
     )  # fmt: skip
-    found = []
+    found = _bells_of_place(scales, x, y)
     for cx, cy in spread(x, y, width, BELLS // 3):
         found += of(forms, {"x0": Constant(cx, "m", width), "y0": Constant(cy, "m", width)})
     return found
@@ -253,7 +241,7 @@ def _sines(
 
 def _widths(scales: Scales, extent: float, least: float) -> Iterator[float]:
     """Widths of bells, from the least one to half of an extent."""
-    width = max(CROSSED * scales.time_scale * least, extent / BELLS)
+    width = max(scales.crossed * least, extent / BELLS)
     while width < extent / 2:
         yield width
         width *= 2
@@ -283,7 +271,7 @@ def _bells_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
 def waves(scales: Scales, x: Array, y: Array) -> List[Scalar]:
     """Waves in the plane: so many that each other one is near one of them, the longest first."""
     cell = 1.2 / max(float(np.hypot(x.std(), y.std())), 1e-6)  # waves that are nearer look alike [rad/m]
-    most = 2 * np.pi / max(CROSSED * scales.time_scale * scales.speed, 1e-9)
+    most = 2 * np.pi / max(scales.crossed * scales.speed, 1e-9)
     reach = int(min(most / cell, np.sqrt(2 * WAVES / np.pi) + 2))  # WAVES are in a half disc of this radius
     side = np.arange(-reach, reach + 1)
     grid = cell * np.array([pair for pair in itertools.product(side, side) if pair > (0, 0)]).reshape(-1, 2)

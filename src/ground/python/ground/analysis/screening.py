@@ -57,7 +57,7 @@ class Screen:
         ends = np.append(self.edges, len(self.every["t"]))
         self.middles = {name: values[self.edges + np.diff(ends) // 2] for name, values in self.every.items()}
         x, y = self.every["x"], self.every["y"]
-        self.acting, motion = channels.channels(model, scales), scalars.of_motion(model, scales, sampled)
+        self.acting, motion = channels.channels(model, scales), scalars.of_motion(model, scales, self.every)
         few = scalars.few(model, scales)
         self.thirds = [ONE, *map(_renamed, few[1:])]
         self.searches = [
