@@ -182,8 +182,8 @@ def _seen(
     likelihood: Likelihood, fit: Fit, band: Band, pairs: Sequence[Pair]
 ) -> Tuple[List[float], List[Array], Array]:
     """What the filter of a Fit sees in the runs of a Likelihood, without inertial samples: numbers, the
-    larger, the less like a random disturbance; the wrench X, Y, N (n, 3) of each run, relative to its rms; and
-    the power of the innovations in a Band, relative to its median, body and room (k, 2).
+    larger, the less like a random disturbance; the wrench X, Y, N (n, 3) of each run, relative to its rms;
+    and the power of the innovations in a Band, relative to its median, body and room (k, 2).
 
     The numbers are the logarithms of the kurtosis of the wrench, as a push at some times or places only has
     heavy tails, and of the strongest lines; and the correlation of the wrench in pairs, 0 without any."""
