@@ -82,7 +82,8 @@ def channels(model: _core.Model, scales: Scales) -> List[Channel]:
 
 
 def pulls(scales: Scales, x: Array, y: Array) -> List[Channel]:
-    """Forces of unit size away from points on the way and around them, everywhere and near them alone."""
+    """Forces of unit size away from points on the way and around them, everywhere and near them alone. Points
+    are a third of the extent apart, 20 at most; a force fades within a sixteenth of it from its point."""
     away, found = "/sqrt((x-{mx})^2+(y-{my})^2+%.3g)" % (scales.extent / 16) ** 2, []
     near = "*exp(-((x-{mx})^2+(y-{my})^2)/{mw}^2)"
     apart, wide = scales.extent / 3, scales.extent / 2

@@ -146,7 +146,7 @@ def _values(of: Sequence[Scalar], every: Dict[str, Array]) -> Array:
 
 def refined(regression: Regression) -> Regression:
     """The Regression with its most significant features, and those with a factor less, at the constants that
-    suit best: at others a second factor may make up for what is wrong with the first."""
+    suit best, after five steps: at others a second factor may make up for what is wrong with the first."""
     z, tried_of, features = regression.significance(regression.alone), regression.tried, regression.features
     best = [
         j
