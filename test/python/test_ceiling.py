@@ -9,9 +9,20 @@ import yaml
 
 from conftest import MODEL, ROOT, identify, write_bag
 from ground import _core
-from ground.analysis import candidates, dictionary, folds, naming, samples, scalars, screening, window_error
+from ground.analysis import (
+    candidates,
+    channels,
+    dictionary,
+    folds,
+    naming,
+    samples,
+    scalars,
+    screening,
+    window_error,
+)
 from ground.analysis.agreement import agreement
 from ground.analysis.ceiling import ceiling
+from ground.analysis.innovations import Innovations
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
 from ground.analysis.window_error import squared_errors
@@ -193,20 +204,21 @@ def test_a_craft_that_hardly_moves_gets_an_answer_or_a_reason(tmp_path, strength
 # --- The regression
 
 
-def regression_of(likelihood, fit, formulas, runs):
+def regression_of(likelihood, fit, formulas):
     """A Regression on features by channel and formula."""
-    family = dictionary.Family("test", frozenset(["velocity"]), True)
-    features = [dictionary.Feature(parts, "-", family) for parts in formulas]
-    sampled = [samples.of_run(likelihood, fit, i) for i in range(len(runs))]
-    acting = [dictionary.wrenches(features, fit.model, s) for s in sampled]
-    return Regression(likelihood, fit, features, acting, [dictionary.followed(fit.model, s) for s in sampled])
+    features = [
+        dictionary.Feature(channels.Channel({c: "%s*" + text for c, text in parts.items()}, ""), (), "test")
+        for parts in formulas
+    ]
+    sampled = [samples.of_run(likelihood, fit, i) for i in range(len(likelihood.runs))]
+    return Regression(Innovations(likelihood, fit), features, sampled, [1] * len(features))
 
 
 def test_what_the_parameters_can_follow_is_no_feature(pushed):
-    runs, (likelihood, fit, _, _) = pushed
+    _, (likelihood, fit, _, _) = pushed
     own = [{"X": "u"}, {"Y": "v"}, {"N": "r"}, {"thrust_L": "u_L", "thrust_R": "u_R"}]
     others = [{"N": "sin(psi)"}, {"Y": "u*v"}, {"X": "abs(u)*u"}]
-    assert regression_of(likelihood, fit, own + others, runs).active.tolist() == [False] * 4 + [True] * 3
+    assert regression_of(likelihood, fit, own + others).active.tolist() == [False] * 4 + [True] * 3
 
 
 def test_the_wrench_of_a_run_is_predicted_from_the_others(turning):
@@ -217,9 +229,8 @@ def test_the_wrench_of_a_run_is_predicted_from_the_others(turning):
     for last in (runs[2], odd):
         some = [*runs[:2], last]
         likelihood = Likelihood(some, craft())
-        regression = regression_of(likelihood, fit, [{"N": "sin(psi+0.4)"}], some)
-        term = regression.test(np.array([0]))
-        predicted = regression.predicted([term], regression.parts())
+        regression = regression_of(likelihood, fit, [{"N": "sin(psi+0.4)"}])
+        predicted = regression.predicted([regression.test(np.array([0]), regression.alone)])
         sized = []
         for i, wrench in enumerate(predicted):
             shape = np.sin(samples.of_run(likelihood, fit, i).values["psi"] + 0.4)
@@ -237,13 +248,12 @@ def test_a_part_of_a_run_holds_what_acts_in_its_time_also_where_poses_are_lost_u
     of_kept = {name: np.array(getattr(run, name))[kept] for name in ("times", "eta", "nu", "poses")}
     likelihood = Likelihood([run.replaced(**of_kept)], craft())
     fit = likelihood.fit(craft(), FREE)
-    regression = regression_of(likelihood, fit, [{"N": "sin(psi)"}], likelihood.runs)
-    parts = regression.parts()
-    for before, part in zip(parts, parts[1:]):
+    regression = regression_of(likelihood, fit, [{"N": "sin(psi)"}])
+    for (before, _), (rows, span) in zip(regression.parts, regression.parts[1:]):
         wrench = np.zeros((len(likelihood.runs[0].times), 3, 1))
-        wrench[part.span, 2] = 1e-3
+        wrench[span, 2] = 1e-3
         acts = np.flatnonzero(np.abs(regression.innovations.responses([wrench])[:, 0]) > 0)
-        assert before.rows.max() < acts.min() < part.rows.min() + 10
+        assert before.stop <= acts.min() < rows.start + 10
 
 
 def test_sizes_are_shares_of_the_thrust_at_the_largest_input():
@@ -258,11 +268,18 @@ def test_sizes_are_shares_of_the_thrust_at_the_largest_input():
     for model, own in ((craft(), run), (wide, run.replaced(inputs=inputs))):
         likelihood = Likelihood([own], model)
         fit = likelihood.fit(model, FREE)
-        found.append(regression_of(likelihood, fit, [{"N": "sin(psi)"}], [own]).full)
+        found.append(regression_of(likelihood, fit, [{"N": "sin(psi)"}]).full)
     assert found[0] == pytest.approx(found[1], rel=1e-3)
 
 
 # --- The dictionary
+
+
+def states_of(memory, text):
+    """The states of a formula as an effect file lists them."""
+    known = memory.of(text)
+    values = {name: repr(value) for name, (value, _) in known.times.items()}
+    return {"states": {s: rate.format(**values) for s, rate in known.rates.items()}} if known.rates else {}
 
 
 def path_of(model, seed=3, duration=0.6):
@@ -298,15 +315,14 @@ def test_a_feature_is_in_the_model_what_it_is_in_the_dictionary(path):
     features = dictionary.dictionary(model, SCALES)
     kinds = {}
     for feature in features:  # the last one of each family that acts on the same number of channels
-        kinds[feature.family.name, len(feature.parts)] = feature
+        kinds[feature.family, len(feature.parts)] = feature
     full = 2 * model.value("k") * np.array([1, 1, model.value("l")])
+    memory = samples.memory(model, SCALES.time_scale)
     usual = dictionary.wrenches(list(kinds.values()), model, path_of(model)[0])
     sizes = np.abs(usual / full[:, None]).max(axis=(0, 1))
     for feature, largest in zip(kinds.values(), sizes):
         weight = float(0.1 / max(largest, 1e-9))
-        entry = (
-            {"name": "one", "states": feature.memory.filled()} if feature.memory.rates else {"name": "one"}
-        )
+        entry = {"name": "one", **states_of(memory, " ".join(feature.parts.values()))}
         entry["expression"] = {c: "w*(%s)" % f for c, f in feature.parts.items()}
         unit = feature.weight_unit
         entry["parameters"] = {"w": {"value": weight, "unit": unit, "neutral": 0.0}}
@@ -319,24 +335,24 @@ def test_a_feature_is_in_the_model_what_it_is_in_the_dictionary(path):
         held[49::50] = False  # where commands switch
         off = np.sqrt((((wrench - expected) / full)[held] ** 2).mean())
         size = np.sqrt(((expected / full) ** 2).mean())
-        assert off < 0.05 * size + 1e-5, (feature.family.name, feature.parts, off / size)
+        assert off < 0.05 * size + 1e-5, (feature.family, feature.parts, off / size)
 
 
 def test_a_function_of_the_screen_is_a_formula_of_a_model_file():
     model = craft()
     sampled, _ = path_of(model)
-    spaces = samples.namespace(sampled)
+    memory = samples.memory(model, SCALES.time_scale)
     kinds = {}
     for scalar in (
-        scalars.of_motion(model, SCALES, [sampled])
+        scalars.of_motion(model, SCALES, sampled.values)
         + scalars.few(model, SCALES)
         + scalars.of_place(SCALES, sampled.values["x"], sampled.values["y"])
     ):
         kinds.setdefault(re.sub(r"[\d.]+", "", scalar.text), scalar)
     for scalar in kinds.values():
         text = scalars.filled(scalar.text, scalar.constants)
-        assert np.isfinite(samples.evaluated(text, spaces)).all(), text
-        entry = {"name": "one", "states": scalar.memory.filled()} if scalar.memory.rates else {"name": "one"}
+        assert np.isfinite(samples.evaluated(text, sampled.values)).all(), text
+        entry = {"name": "one", **states_of(memory, text)}
         entry["expression"] = {"X": "w*(%s)" % text}
         unit = scalars.product_of_units(["N", "1/(%s)" % scalar.unit if scalar.unit != "-" else "-"])
         entry["parameters"] = {"w": {"value": 1.0, "unit": unit, "neutral": 0.0}}
@@ -350,14 +366,15 @@ def test_a_pair_of_the_screen_is_multiplied_by_its_best_product(turning, monkeyp
     sampled = [samples.of_run(likelihood, fit, i) for i in range(3)]
     asked = []
 
-    def best(self, model, draws, acting, wide, values, narrow, of=1):
+    def best(self, model, draws, search):
         """Finds one pair in the third search, a better one and a worse one that was chosen from more."""
-        asked.append(of)
+        asked.append(search.of)
         found = [(9.0, 100), (3.0, 9000)] if len(asked) == 3 else []
-        return [screening.Product(*one, acting[0], wide[0], narrow.scalars[1]) for one in found]
+        product = dictionary.Feature(search.acting[0], [search.wide[0], search.narrow[1]])
+        return [(product, value, tried) for value, tried in found]
 
     monkeypatch.setattr(screening.Screen, "_best", best)
-    screening.Screen(likelihood, fit.model, sampled).screened(left.found.regression, fit.model)
+    screening.Screen(likelihood, fit.model, sampled).screened(left.found.regression)
     assert asked == [1, 1, 1, 100]
 
 
@@ -398,7 +415,7 @@ def test_formulas_have_their_units(path, length, time):
         of_length, of_time = exponents(one.unit)
         factor = length**of_length * time**of_time
         assert np.allclose(second, first * factor, rtol=0.02, atol=0.01 * np.abs(first).max() * factor), (
-            one.family.name, one.parts, one.unit,
+            one.family, one.parts, one.unit,
         )  # fmt: skip
 
 

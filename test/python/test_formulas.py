@@ -148,15 +148,16 @@ def test_every_symbol_of_a_formula_is_known_or_explained(craft):
     import re
 
     from ground.analysis import dictionary, formula_words
-    from ground.analysis.samples import Scales
+    from ground.analysis.samples import Scales, memory
 
     plain = {"u", "v", "r", "x", "y", "psi", "t", "lift", "command", "pi"}
     functions = {"sin", "cos", "tanh", "exp", "sqrt", "abs", "sign", "mN", "N", "per", "m", "s", "rad"}
     scales = Scales((0.1, 0.2), 1.0, 0.5, 3.0, 10.0, 1.0)
-    explained = 0
+    states, explained = memory(craft(), 1.0), 0
     for feature in dictionary.dictionary(craft(), scales):
         own = {name: name + "_1" for name in feature.constants}
-        text = formula_words.of_feature(feature, "c1", own)
+        own_states = states.of(str(feature.template))
+        text = formula_words.of_feature(feature, "c1", own, own_states)
         text = re.sub(r"\{\w+\}|<\w+>", "1", text)
         told = set(re.findall(r"(?:where|and) (\w+) is the", text))
         formulas = re.findall(r"times (\S+),|\(= 1 (.*?)(?:, where|\)$)", text)

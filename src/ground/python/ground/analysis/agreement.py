@@ -2,26 +2,32 @@
 
 Recordings are made by the model and the fitted levels. The real ones must not be the most extreme, in the
 error or in the patterns that the filter sees: a push that is stronger in some places or at some times, one of
-a fixed frequency, one that comes back with the same commands. Beside 99 artificial ones, real ones made alike
-are the most extreme once in a hundred times; less often because the model is fitted to them.
+a fixed frequency (innovations are white if the model and its disturbance are true, Kailath 1968), one that
+comes back with the same commands. Beside 99 artificial ones, real ones made alike are the most extreme once
+in a hundred times; less often because the model is fitted to them.
 """
 
 import contextlib
+import itertools
 from dataclasses import dataclass
 from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.analysis import patterns, window_error
+from ground.analysis import residuals, window_error
+from ground.analysis.distributions import DEVIATIONS
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.thinning import by_poses_alone
 from ground.analysis.window_error import squared_errors
-from ground.support.annotations import Array, Each, Random
+from ground.recordings import scatter
+from ground.support.annotations import Array, Each, Flags, Random
 from ground.support.errors import GroundError
 
+ALIKE = 0.9  # least correlation of commands that count as the same: edges are some milliseconds apart
+FINEST = 10.0  # periods of the highest frequency in a horizon: faster pushes hardly move a craft in it
+MOST_PAIRS = 20
 FIRST, DRAWS = 19, 99  # artificial recordings; more than the first only where the real ones are extreme
-DEVIATIONS = 1.96  # of an interval
 
 
 @dataclass(frozen=True)
@@ -49,6 +55,32 @@ class Agreement:
     common: Optional[Common]  # None where no commands were given twice
 
 
+@dataclass(frozen=True)
+class Band:
+    """Frequencies at which a line may stand out, of rows on a grid of time."""
+
+    step: float  # [s]
+    count: int  # of the grid, zeros at its end included
+    inside: Flags  # which of its frequencies
+
+    @property
+    def rates(self) -> Array:
+        """The frequencies [Hz]."""
+        return np.asarray(np.fft.rfftfreq(self.count, self.step)[self.inside])
+
+    def power(self, times: Array, rows: Array) -> Array:
+        """Power (k, n) at the frequencies of rows (m, n) at some times, relative to that of white ones."""
+        at = np.round((times - times[0]) / self.step).astype(int)
+        grid = np.zeros((self.count, rows.shape[1]))
+        np.add.at(grid, at, rows)
+        return np.asarray(np.abs(np.fft.rfft(grid, axis=0)[self.inside]) ** 2 / max(1, len(times)))
+
+
+# Two runs in which the same commands were given, and the time of the second one less that of the first one,
+# of the same command [s]
+Pair = Tuple[int, int, float]
+
+
 def agreement(
     runs: Sequence[_core.RunData],
     cut: Sequence[_core.Window],
@@ -59,77 +91,58 @@ def agreement(
 ) -> Agreement:
     """The Agreement of a Fit on runs over windows of them. seconds: horizon of predictions; each: maps over
     artificial recordings."""
-    band, pairs = patterns.band(likelihood.runs, seconds), patterns.pairs(runs)
-    seen_of_push: List[float] = []  # correlation of what the filter sees and what pushed, squared
+    band, pairs = _band(likelihood.runs, seconds), _pairs(runs)
 
-    def patterns_of(recorded: Sequence[_core.RunData]) -> patterns.Seen:
+    def compared(recorded: Sequence[_core.RunData]) -> Tuple[List[float], List[Array], Array]:
+        """Numbers of recordings, the logarithm of the squared error first, and what _seen gives."""
+        error = squared_errors(recorded, cut, fit.model, scale=runs).mean()
         poses = [by_poses_alone(run) for run in recorded]
-        return patterns.seen(Likelihood(poses, likelihood.craft, likelihood.varying), fit, band, pairs)
+        of_poses = Likelihood(poses, likelihood.craft, likelihood.varying)
+        numbers, wrenches, lines = _seen(of_poses, fit, band, pairs)
+        return [float(np.log(error)), *numbers], wrenches, lines
 
-    def made(seed: int) -> Optional[List[float]]:
-        """Logarithm of the squared error, and patterns; None where the motion is not finite."""
+    def made(seed: int) -> Optional[Tuple[List[float], float]]:
+        """Numbers of an artificial recording, and the squared correlation of what the filter sees in it and
+        what pushed; None where the motion is not finite."""
         random = np.random.default_rng(seed)
         try:
-            pushed = [_recorded(run, fit, i, random, True) for i, run in enumerate(runs)]
-            artificial = [run for run, _ in pushed]
-            error = float(squared_errors(artificial, cut, fit.model, scale=runs).mean())
-            found = patterns_of(artificial)
-            if pairs:
-                width = seconds / patterns.FINEST
-                known = [_at(run, push, like, width) for (run, push), like in zip(pushed, likelihood.runs)]
-                seen_of_push.append(patterns.alike(found.wrenches, known) ** 2)
-            return _numbers(error, found)
+            artificial, pushes = zip(*(_pushed(run, fit, i, random) for i, run in enumerate(runs)))
+            numbers, wrenches, _ = compared(artificial)
         except GroundError:
             return None
+        width = seconds / FINEST
+        known = [_at(*given, width) for given in zip(runs, pushes, likelihood.runs)]
+        return numbers, _alike(wrenches, known) ** 2
 
     noise = np.nan
     with contextlib.suppress(GroundError):
-        quiet = [_recorded(run, fit, i, np.random.default_rng(0), False)[0] for i, run in enumerate(runs)]
+        quiet = [window_error.recorded(run, fit.model, np.random.default_rng(0)) for run in runs]
         noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
-    error = float(squared_errors(runs, cut, fit.model).mean())
-    real = patterns_of(runs)
-    rows = [_numbers(error, real)]
-    holds = False
+    real, _, power = compared(runs)
+    rows, seen_of_push, holds = [real], [], False
     for seeds in (range(FIRST), range(FIRST, DRAWS)):
-        rows += [d for d in each(made, seeds) if d is not None]
+        drawn = [one for one in each(made, seeds) if one is not None]
+        rows += [numbers for numbers, _ in drawn]
+        seen_of_push += [share for _, share in drawn]
         # where few artificial motions are finite, the real ones are not like them
         holds = len(rows) > FIRST / 2 and share_as_extreme(np.array(rows)) > 1 / len(rows)
         if holds:
             break
-    average = np.exp([one[0] for one in rows[1:]]).mean() if rows[1:] else error
     numbers = np.array(rows)
+    average = np.exp(numbers[1:, 0] if rows[1:] else numbers[:, 0]).mean()
     off = _deviations(numbers)[0]
-    frequency = None if holds else _frequency(off, band, real)
-    common = None
+    frequency, common, lines = None, None, off[4:6]  # behind the error and the tails
+    if not holds and lines.max() == off.max():
+        frequency = float(band.rates[np.argmax(power[:, int(np.argmax(lines))])])
     if pairs:
+        # without anything in common, artificial ones differ as much; the filter sees a part of a push only
+        seen = max(float(np.mean(seen_of_push)), 1e-3) if seen_of_push else 1e-3
+        half = DEVIATIONS * float(numbers[1:, -1].std()) if rows[1:] else np.inf
+        low, high = ((real[-1] + side * half) / seen for side in (-1, 1))
         stands_out = not holds and bool(off[-1] == off.max())
-        common = _common(numbers[1:, -1], real.common, seen_of_push, len(pairs), stands_out)
-    a, b, c = (float(np.sqrt(value)) for value in (error, average, noise))
-    return Agreement(a, b, c, holds, frequency, common)
-
-
-def _numbers(error: float, found: patterns.Seen) -> List[float]:
-    """What is compared: the larger, the less like a random disturbance."""
-    return [float(np.log(error)), *found.tails, *found.strongest, found.common]
-
-
-def _frequency(off: Array, band: patterns.Band, real: patterns.Seen) -> Optional[float]:
-    """The frequency that stands out, if it does more than all else; off: deviations of the numbers."""
-    lines = off[-1 - real.lines.shape[1] : -1]
-    if lines.max() < off.max():
-        return None
-    return float(band.rates[np.argmax(real.lines[:, int(np.argmax(lines))])])
-
-
-def _common(
-    artificial: Array, share: float, seen_of_push: Sequence[float], pairs: int, stands_out: bool
-) -> Common:
-    """What is in common, with the uncertainty that artificial recordings without anything in common have; the
-    filter sees a part of it only, as of pushes that are known."""
-    seen = max(float(np.mean(sorted(seen_of_push))), 1e-3) if seen_of_push else 1e-3
-    deviation = float(artificial.std()) if len(artificial) else np.inf
-    low, high = (share + side * DEVIATIONS * deviation for side in (-1, 1))
-    return Common(pairs, share / seen, low / seen, high / seen, stands_out)
+        common = Common(len(pairs), real[-1] / seen, low, high, stands_out)
+    measured, expected, floor = (float(np.sqrt(value)) for value in (np.exp(real[0]), average, noise))
+    return Agreement(measured, expected, floor, holds, frequency, common)
 
 
 def share_as_extreme(values: Array) -> float:
@@ -144,13 +157,9 @@ def _deviations(rows: Array) -> Array:
     return np.asarray((rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-300))
 
 
-def _recorded(
-    run: _core.RunData, fit: Fit, i: int, random: Random, disturbed: bool
-) -> Tuple[_core.RunData, Array]:
-    """An artificial recording of a run, with or without the disturbance and its trim; and the disturbance
-    X, Y [N], N [N m], body, at its samples."""
-    if not disturbed:
-        return window_error.recorded(run, fit.model, random), np.zeros((len(run.times), 3))
+def _pushed(run: _core.RunData, fit: Fit, i: int, random: Random) -> Tuple[_core.RunData, Array]:
+    """An artificial recording of a run, with its trim and the disturbance; and the disturbance X, Y [N],
+    N [N m], body, at its samples."""
     factor, trim = np.exp(fit.loudness[i]) if fit.loudness else 1.0, fit.trims[i]
     wrench, room = window_error.pushes(run, fit.levels, random)
     acting = factor * wrench + np.array(trim["wrench"])
@@ -167,3 +176,95 @@ def _at(run: _core.RunData, push: Array, thinned: _core.RunData, width: float) -
     sums = np.vstack([np.zeros(3), np.cumsum(push[:-1] * np.diff(times)[:, None], axis=0)])
     ends = [np.column_stack([np.interp(at + side * width / 2, times, c) for c in sums.T]) for side in (-1, 1)]
     return np.asarray(ends[1] - ends[0])
+
+
+def _seen(
+    likelihood: Likelihood, fit: Fit, band: Band, pairs: Sequence[Pair]
+) -> Tuple[List[float], List[Array], Array]:
+    """What the filter of a Fit sees in the runs of a Likelihood, without inertial samples: numbers, the
+    larger, the less like a random disturbance; the wrench X, Y, N (n, 3) of each run, relative to its rms;
+    and the power of the innovations in a Band, relative to its median, body and room (k, 2).
+
+    The numbers are the logarithms of the kurtosis of the wrench, as a push at some times or places only has
+    heavy tails, and of the strongest lines; and the correlation of the wrench in pairs, 0 without any."""
+    wrenches, power = [], np.zeros((len(band.rates), 5))
+    for i, run in enumerate(likelihood.runs):
+        left = likelihood.residuals(fit.point, i)
+        wrench = np.array(left["wrench"])
+        wrenches.append(wrench / np.maximum(np.sqrt((wrench**2).mean(axis=0)), 1e-30))
+        scored = np.array(left["scored"], bool)
+        if not scored.any():
+            continue
+        # The innovations of positions, x and y, are independent and of variance one; so they are when turned.
+        x, y, turn = np.array(left["whitened"])[scored, :3].T
+        c, s = np.cos(np.array(run.eta)[scored, 2]), np.sin(np.array(run.eta)[scored, 2])
+        rows = np.column_stack([c * x + s * y, c * y - s * x, turn, x, y])
+        rows = (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-30)
+        power += band.power(np.array(run.times)[scored], rows)
+    lines = np.column_stack([power[:, :3].sum(axis=1), power[:, 3:].sum(axis=1)])
+    common = []
+    for pair in pairs:
+        both = [
+            np.column_stack([np.interp(at, np.array(likelihood.runs[k].times), w) for w in wrenches[k].T])
+            for k, at in _together(likelihood.runs, pair)
+        ]
+        common.append(_alike(both[:1], both[1:]))
+    lines = lines / np.maximum(np.median(lines, axis=0), 1e-300)
+    tails = (np.concatenate(wrenches) ** 4).mean(axis=0)
+    numbers = [*np.log(tails), *np.log(lines.max(axis=0)), float(np.mean(common)) if common else 0.0]
+    return numbers, wrenches, lines
+
+
+def _band(runs: Sequence[_core.RunData], seconds: float) -> Band:
+    """The Band of runs; seconds: horizon of predictions."""
+    durations = [run.times[-1] - run.times[0] for run in runs]
+    steps = [scatter.interval(np.array(run.times)) for run in runs]
+    # twice as fine as the longest run
+    count = 2 ** int(np.ceil(np.log2(2 * max(durations) / min(steps) + 2)))
+    rates = np.fft.rfftfreq(count, min(steps))
+    # two periods of the lowest one in a run of usual length
+    lowest = 2 / max(float(np.median(durations)), 1e-9)
+    highest = max(min(FINEST / seconds, 0.4 / max(steps)), 2 * lowest)
+    inside = (rates >= lowest) & (rates <= highest)
+    inside[-1] |= not inside.any()  # of a run that is too short for a line
+    return Band(min(steps), count, inside)
+
+
+def _pairs(runs: Sequence[_core.RunData]) -> List[Pair]:
+    """The Pairs of runs that were given the same commands, from their first change on; MOST_PAIRS of many."""
+    begins, found = [_driven(run)[0] for run in runs], []
+    for i, j in itertools.combinations(range(len(runs)), 2):
+        pair = (i, j, begins[j] - begins[i])
+        given = [residuals.held(runs[k], at)[:, :-1] for k, at in _together(runs, pair)]
+        a, b = ((one - one.sum(axis=0) / max(1, len(one))).ravel() for one in given)
+        if float(a @ b) > ALIKE * max(float(a @ a), float(b @ b), 1e-300):
+            found.append(pair)
+    return found[:: 1 + max(0, len(found) - 1) // MOST_PAIRS]
+
+
+def _driven(run: _core.RunData) -> Tuple[float, float]:
+    """Times of the first change of a command, and of the end of thrust [s]."""
+    inputs = np.array(run.inputs)
+    changes = np.flatnonzero((inputs[1:, 1:-1] != inputs[:-1, 1:-1]).any(axis=1)) + 1
+    if not len(changes):
+        return run.times[0], run.times[-1]
+    ends = run.times[-1] if inputs[-1, 1:-1].any() else inputs[changes[-1], 0]
+    return float(inputs[changes[0], 0]), float(ends)
+
+
+def _together(runs: Sequence[_core.RunData], pair: Pair) -> List[Tuple[int, Array]]:
+    """Both runs of a pair, and times of each in which both are driven; a wall may have ended one earlier."""
+    first, second, shift = pair
+    times = np.array(runs[first].times)
+    found = [(first, times), (second, times + shift)]
+    inside = times + shift >= runs[second].times[0]
+    for k, at in found:
+        begin, end = _driven(runs[k])
+        inside &= (at >= begin) & (at <= min(end, runs[k].times[-1]))
+    return [(k, at[inside]) for k, at in found]
+
+
+def _alike(first: Sequence[Array], second: Sequence[Array]) -> float:
+    """Correlation of wrenches (n, 3) of some runs, mean over X, Y, N."""
+    a, b = (np.concatenate([w - w.mean(axis=0) for w in wrenches]) for wrenches in (first, second))
+    return float(np.mean((a * b).mean(axis=0) / np.maximum(a.std(axis=0) * b.std(axis=0), 1e-300)))

@@ -1,62 +1,51 @@
 """Channels that a missing wrench may act on: axes of the body and the velocity, directions of the room,
 points of the room, and thrust."""
 
-from dataclasses import dataclass, field
-from typing import FrozenSet, List, Mapping, Optional
+from typing import FrozenSet, List, Mapping, NamedTuple
 
 import numpy as np
 
 from ground import _core
 from ground.analysis.samples import Scales, inputs
-from ground.analysis.scalars import COMMAND, PLACE, VELOCITY, Constant, Memory, spread
+from ground.analysis.scalars import Constant, spread
 from ground.support.annotations import Array
 
-ROOM = 3  # directions of the room, half a turn together
-POINTS = 20  # where a force may point to, on the way of the craft
-APART = 3.0  # extent over the distance between these points
-FELT = 16.0  # extent over the distance from a point within which a force towards it fades
 
-
-@dataclass(frozen=True)
-class Channel:
+class Channel(NamedTuple):
     """Where a function acts: a formula for each channel, with %s for the function, and with names in braces
     for constants."""
 
     parts: Mapping[str, str]
     words: str  # what acts, with names in braces for constants
     unit: str = "-"
-    arguments: FrozenSet[str] = frozenset()
-    constants: Mapping[str, Constant] = field(default_factory=dict)
-    memory: Memory = Memory()
+    constants: Mapping[str, Constant] = {}
 
 
-BODY = {"X": "a force ahead", "Y": "a force to the side", "N": "a moment"}
-ON_BODY = [Channel({c: "%s"}, words) for c, words in BODY.items()]
-_MOVING, _COMMAND = frozenset([VELOCITY]), frozenset([COMMAND])
-ALONG = Channel(
-    {"X": "%s*u", "Y": "%s*v"}, "a force along the velocity, in proportion to it,", "m/s", _MOVING
+_AXES = (
+    ("X", "u", "m/s", "a force ahead"),
+    ("Y", "v", "m/s", "a force to the side"),
+    ("N", "r", "rad/s", "a moment"),
 )
-ACROSS = Channel(
-    {"X": "%s*v", "Y": "-%s*u"}, "a force across the velocity, in proportion to it,", "m/s", _MOVING
-)
+ON_BODY = [Channel({axis: "%s"}, words) for axis, _, _, words in _AXES]
+ALONG = Channel({"X": "%s*u", "Y": "%s*v"}, "a force along the velocity, in proportion to it,", "m/s")
+ACROSS = Channel({"X": "%s*v", "Y": "-%s*u"}, "a force across the velocity, in proportion to it,", "m/s")
 DAMPING = [
     *(
-        Channel({c: "%s*" + speed}, "%s in proportion to %s" % (BODY[c], speed), unit, _MOVING)
-        for c, speed, unit in zip("XYN", "uvr", ("m/s", "m/s", "rad/s"))
+        Channel({axis: "%s*" + speed}, "%s in proportion to %s" % (words, speed), unit)
+        for axis, speed, unit, words in _AXES
     ),
     ALONG,
 ]
 
 
-def directions(count: int, over: float) -> List[Channel]:
-    """Forces in some directions of the room, over an angle."""
-    return [
-        Channel(
-            {"X": "%s*cos(psi-{dr})", "Y": "-%s*sin(psi-{dr})"}, "a force in the direction {dr} of the room",
-            "-", frozenset(), {"dr": Constant(i * over / count, "rad", np.pi / 2)},
-        )
-        for i in range(count)
-    ]  # fmt: skip
+def directions(count: int) -> List[Channel]:
+    """Forces in some directions of the room, over half a turn."""
+    parts, words = (
+        {"X": "%s*cos(psi-{dr})", "Y": "-%s*sin(psi-{dr})"},
+        "a force in the direction {dr} of the room",
+    )
+    angles = np.arange(count) * np.pi / count
+    return [Channel(parts, words, "-", {"dr": Constant(a, "rad", np.pi / 2)}) for a in angles.tolist()]
 
 
 def angles(model: _core.Model) -> FrozenSet[str]:
@@ -64,52 +53,44 @@ def angles(model: _core.Model) -> FrozenSet[str]:
     return frozenset(one["name"] for one in model.thrusters if one["is_angle"])
 
 
-def thrusts(
-    model: _core.Model,
-    text: str = "u_%s",
-    argument: str = COMMAND,
-    memory: Optional[Memory] = None,
-) -> List[Channel]:
+def thrusts(model: _core.Model, text: str = "u_%s") -> List[Channel]:
     """Thrust of each thruster and of all together, times a formula with %s for a thruster's name."""
-    kept, made = memory or Memory(), []
     names = [name[2:] for name in inputs(model) if name[2:] not in angles(model)]
-    each = {name: "%s*" + text.replace("%s", name) for name in names}
-    for some in [*([name] for name in each), list(each)]:
-        words = "thrust of %s, times %s," % (some[0], each[some[0]][3:])
-        if len(some) > 1:
-            words = "thrust, times %s," % text.replace("u_%s", "command").replace("_%s", "")
-        own = {s: rate for s, rate in kept.rates.items() if any(s in each[name] for name in some)}
-        parts = {"thrust_" + name: each[name] for name in some}
-        made.append(Channel(parts, words, "-", frozenset([argument]), {}, Memory(own, kept.times)))
-    return made
+    each = {"thrust_" + name: "%s*" + text.replace("%s", name) for name in names}
+    made = [
+        Channel({c: part}, "thrust of %s, times %s," % (name, part[3:]))
+        for name, (c, part) in zip(names, each.items())
+    ]
+    words = "thrust, times %s," % text.replace("u_%s", "command").replace("_%s", "")
+    return [*made, Channel(each, words) if len(names) > 1 else made[0]]
 
 
 def channels(model: _core.Model, scales: Scales) -> List[Channel]:
     """Channels of the body, directions of the room, along and across the velocity, and thrust."""
-    direction = "/sqrt(u^2+v^2+%.3g)" % (0.15 * scales.speed) ** 2
+    direction = "/sqrt(u^2+v^2+%.3g)" % scales.slow**2
     unit = [
-        Channel({c: part + direction for c, part in channel.parts.items()}, words, "-", _MOVING)
-        for channel, words in ((ALONG, "a force along the velocity"), (ACROSS, "a force across the velocity"))
+        Channel({c: part + direction for c, part in channel.parts.items()}, channel.words.partition(",")[0])
+        for channel in (ALONG, ACROSS)
     ]
     *each, every = thrusts(model)
     (first, of_first), *others = every.parts.items()
     against = [
-        Channel({first: of_first, c: "-%s" % f}, "thrust from %s to %s," % (c[7:], first[7:]), "-", _COMMAND)
-        for c, f in others
+        Channel({first: of_first, c: "-" + part}, "thrust from %s to %s," % (c[7:], first[7:]))
+        for c, part in others
     ]
-    return [*ON_BODY, *directions(ROOM, np.pi), ALONG, ACROSS, *unit, every, *against, *each]
+    return [*ON_BODY, *directions(3), ALONG, ACROSS, *unit, every, *against, *each]
 
 
 def pulls(scales: Scales, x: Array, y: Array) -> List[Channel]:
-    """Forces of unit size away from points on the way and around them, everywhere and near them alone."""
-    away, found = "/sqrt((x-{mx})^2+(y-{my})^2+%.3g)" % (scales.extent / FELT) ** 2, []
+    """Forces of unit size away from points on the way and around them, everywhere and near them alone. Points
+    are a third of the extent apart, 20 at most; a force fades within a sixteenth of it from its point."""
+    away, found = "/sqrt((x-{mx})^2+(y-{my})^2+%.3g)" % (scales.extent / 16) ** 2, []
     near = "*exp(-((x-{mx})^2+(y-{my})^2)/{mw}^2)"
-    apart, wide = scales.extent / APART, scales.extent / 2
-    for a, b in spread(np.column_stack([x, y]), apart, POINTS):
-        point = {"mx": Constant(float(a), "m", apart), "my": Constant(float(b), "m", apart)}
-        width = {"mw": Constant(wide, "m", 0.7 * wide)}
+    apart, wide = scales.extent / 3, scales.extent / 2
+    for a, b in spread(x, y, apart, 20):
+        point = {"mx": Constant(a, "m", apart), "my": Constant(b, "m", apart)}
         found += about(away, "-", point)
-        found += about(near + away, "-", {**point, **width}, ", within {mw}")
+        found += about(near + away, "-", {**point, "mw": Constant(wide, "m", 0.7 * wide)}, ", within {mw}")
     return found
 
 
@@ -117,15 +98,12 @@ def about(text: str, unit: str, constants: Mapping[str, Constant], where: str = 
     """Forces away from the point mx, my and around it, times a formula that is appended. Unit 1/m of the
     formula gives unit -."""
     x, y = "(x-{mx})", "(y-{my})"
-    axes = {"X": "(%s*cos(psi)+%s*sin(psi))" % (x, y), "Y": "(%s*cos(psi)-%s*sin(psi))" % (y, x)}
-    around = {"X": "(%s*sin(psi)-%s*cos(psi))" % (x, y), "Y": axes["X"]}
+    ahead, side = "(%s*cos(psi)+%s*sin(psi))" % (x, y), "(%s*cos(psi)-%s*sin(psi))" % (y, x)
+    around = "(%s*sin(psi)-%s*cos(psi))" % (x, y)
     return [
-        Channel(
-            {c: "%s*" + form + text for c, form in forms.items()}, words % where, unit,
-            frozenset([PLACE]), constants,
+        Channel({"X": "%s*" + X + text, "Y": "%s*" + Y + text}, words + where, unit, constants)
+        for X, Y, words in (
+            (ahead, side, "a force away from the point ({mx}, {my})"),
+            (around, ahead, "a force around the point ({mx}, {my})"),
         )
-        for forms, words in (
-            (axes, "a force away from the point ({mx}, {my})%s"),
-            (around, "a force around the point ({mx}, {my})%s"),
-        )
-    ]  # fmt: skip
+    ]

@@ -8,6 +8,7 @@ from scipy import special
 
 from ground.support.annotations import Array, Indices
 
+DEVIATIONS = 1.96  # standard deviations on each side of a 95% interval of a normal variable
 PIECES = 8  # least number of pieces of data that an interval of a mean is taken from
 
 
@@ -16,19 +17,9 @@ def chi_squared_above(value: float, freedom: int) -> float:
     return float(special.chdtrc(freedom, value)) if value > 0 else 1.0
 
 
-def chi_squared_limit(chance: float, freedom: int) -> float:
-    """Value that a chi squared variable exceeds with a probability."""
-    return float(special.chdtri(freedom, chance))
-
-
 def student_limit(chance: float, freedom: float) -> float:
     """Value that Student's t exceeds with a probability."""
     return float(special.stdtrit(freedom, 1 - chance))
-
-
-def heads(count: int, tosses: int) -> float:
-    """Probability of `count` heads in some tosses of a coin."""
-    return math.comb(tosses, count) / 2.0**tosses
 
 
 def mean_not_above_zero(values: Array) -> float:

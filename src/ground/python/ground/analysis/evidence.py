@@ -1,5 +1,6 @@
 """Effects added to a model on trial, and the evidence for each."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Iterable, List, Optional, Sequence
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates
-from ground.analysis.distributions import chi_squared_above, heads
+from ground.analysis.distributions import chi_squared_above
 from ground.analysis.horizon import Change
 from ground.support.annotations import Document
 
@@ -68,5 +69,5 @@ def p_value(gain: float, free: int, on_bound: int) -> float:
     for moved in range(on_bound + 1):
         count = free - on_bound + moved
         if count > 0:
-            total += heads(moved, on_bound) * chi_squared_above(gain, count)
+            total += math.comb(on_bound, moved) / 2**on_bound * chi_squared_above(gain, count)
     return float(total)

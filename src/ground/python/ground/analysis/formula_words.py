@@ -2,32 +2,34 @@
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground.analysis.dictionary import Feature
+from ground.analysis.samples import Memory
 
 
-def of_feature(feature: Feature, size: str, own: Mapping[str, str]) -> str:
-    """What a feature does, with names for values that are fitted: in braces, or in a formula in angles."""
-    what = feature.acts.format(
-        **{n: "{%s}" % n for n in feature.memory.times}, **{n: "{%s}" % o for n, o in own.items()}
+def of_feature(feature: Feature, size: str, own: Mapping[str, str], memory: Memory) -> str:
+    """What a feature does, with names for values that are fitted: in braces, or in a formula in angles.
+    memory: its states."""
+    what = feature.channel.words.format(
+        **{n: "{%s}" % n for n in memory.times}, **{n: "{%s}" % o for n, o in own.items()}
     )
-    depends = in_words(sorted(feature.family.arguments))
     function = feature.function.format(**{n: "<%s>" % o for n, o in own.items()})
-    states = _states(feature, what + function)
-    if feature.function == "1":
+    states = _states(memory, what + function)
+    if function == "1":
         return "%s of {%s}%s" % (what, size, states)
+    depends = in_words(sorted(feature.arguments))
     return "%s that depends on %s (= {%s} %s%s)" % (what, depends, size, function, states)
 
 
-def _states(feature: Feature, text: str) -> str:
+def _states(memory: Memory, text: str) -> str:
     """What the states are that stand in a text about a feature: ", where p0 is the mean of the command over
     the last {tau_p0}"."""
     known = {}
-    for state, rate in feature.memory.rates.items():
+    for state, rate in memory.rates.items():
         name = state if state in text else state.split("_")[0]  # of all thrusters alike
         of, mean, time = rate.partition(")-%s)/" % state)
         what = "the command" if name != state else of.strip("(")
@@ -35,8 +37,8 @@ def _states(feature: Feature, text: str) -> str:
             known[name] = (
                 "the mean of %s over the last %s" % (what, time) if mean else "the sum of %s so far" % of
             )
-    if not known and feature.memory.times and "{" not in text:
-        return ", over the last {%s}" % [*feature.memory.times][0]
+    if not known and memory.times and "{" not in text:
+        return ", over the last {%s}" % [*memory.times][0]
     return ", where " * bool(known) + " and ".join("%s is %s" % one for one in known.items())
 
 
@@ -64,10 +66,8 @@ class Piece:
     parts: Dict[str, str]
     parameters: Dict[str, Tuple[float, str, float, float]]
     means: str
-    arguments: Tuple[str, ...]  # what its feature depends on, such as place
-    dependence: str
-    states: Dict[str, str] = field(default_factory=dict)
-    simpler: Tuple["Piece", ...] = ()  # pieces with a factor less
+    states: Dict[str, str]
+    simpler: Tuple["Piece", ...]  # pieces with a factor less
 
     @property
     def size(self) -> str:

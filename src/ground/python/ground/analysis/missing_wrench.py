@@ -16,8 +16,6 @@ EVENT_MARGIN = 0.3  # time cut on both sides of a disturbance [time scales]
 MIN_WRENCH = 0.01  # share of full thrust below which a wrench counts as zero
 MAP_CELLS = 5  # cells along each side of the map
 
-Span = Tuple[float, float]  # start, end [s]
-
 CHANNEL_NAMES = {"X": "surge force X", "Y": "side force Y", "N": "yaw moment N"}
 
 
@@ -34,7 +32,7 @@ class Undisturbed:
     run: _core.RunData
     box: _core.GreyBox  # likelihood of its poses
     white: _core.GreyBoxPoint  # the model with the likeliest white wrench
-    events: List[Span]  # the disturbances
+    events: List[Tuple[float, float]]  # start and end of each disturbance [s]
 
 
 def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
@@ -47,16 +45,12 @@ def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
     outlier = np.sum(np.square(whole.box.residuals(whole.white, 0)["whitened"][:, :3]), axis=1) > 0.999 * CAP
     disturbed = np.convolve(outlier, np.ones(IN_A_ROW), "same") == IN_A_ROW
     times, margin = np.array(run.times), EVENT_MARGIN * windows.time_scale([run])
-    spans: List[List[float]] = []
-    for time in times[disturbed]:
-        if spans and time - margin <= spans[-1][1]:
-            spans[-1][1] = time + margin
-        else:
-            spans.append([time - margin, time + margin])
-    keep = np.ones(len(times), bool)
-    for start, end in spans:
-        keep &= (times < start) | (times > end)
-    if not spans or keep.mean() < 0.5:
+    if not disturbed.any():
+        return whole
+    groups = np.split(times[disturbed], np.flatnonzero(np.diff(times[disturbed]) > 2 * margin) + 1)
+    spans = [(group[0] - margin, group[-1] + margin) for group in groups]
+    keep = np.all([(times < start) | (times > end) for start, end in spans], axis=0)
+    if keep.mean() < 0.5:
         return whole
     eta, nu, poses = (np.array(values)[keep] for values in (run.eta, run.nu, run.poses))
     rest = run.replaced(times=times[keep], eta=eta, nu=nu, poses=poses)
@@ -85,8 +79,7 @@ class Missing:
         side = np.maximum(high - low, 1e-9) / MAP_CELLS
         cell = np.minimum((self.position - low) // side, MAP_CELLS - 1)
         present, index = np.unique(cell, axis=0, return_inverse=True)
-        index = index.ravel()
-        means = [world[index == i].mean(0) for i in range(len(present))]
+        means = [world[index.ravel() == i].mean(0) for i in range(len(present))]
         return low + (present + 0.5) * side, np.array(means)
 
 

@@ -8,157 +8,118 @@ Its variance without an effect is that of the same sum for random innovations. T
 multiplied with a third scalar, and screened again.
 """
 
-from dataclasses import replace
-from typing import Any, Dict, List, NamedTuple, Sequence
+from typing import Dict, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.analysis import channels, dictionary, scalars
+from ground.analysis import channels, dictionary, samples, scalars
 from ground.analysis.channels import Channel
-from ground.analysis.dictionary import Feature, product
+from ground.analysis.dictionary import Feature
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import LEVEL, Regression
-from ground.analysis.samples import Samples, Scales, evaluated, namespace
-from ground.analysis.scalars import ONE, Scalar, product_of_units, written
+from ground.analysis.samples import Samples, Scales, evaluated
+from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
 from ground.recordings import scatter, windows
 from ground.support.annotations import Array, Indices
 
 BIN = 1 / 30  # samples that are taken together [windows]
 RANDOM = 8  # draws of innovations that give the variance of a score
-TOGETHER = 500  # products of one form that are computed together
 KEPT = 120  # products that are tested exactly
 KEPT_OF_ONE = 30  # ... of them on one channel
 LENGTHENED = 40  # best products of two that are multiplied with a third
 REFINED = 10  # features whose constants are moved
-ITERATIONS = 5
 NEARBY = 1e-3  # move of a constant for a derivative, over its reach
 LONGEST = 0.5  # move in one iteration, over its reach
 CONSTANT = 3.0  # number of independent features for each that is tested, by a constant that is moved
 
 
-class Product(NamedTuple):
-    """A product of scalars on a channel."""
+class Search(NamedTuple):
+    """Products of wide scalars and narrow ones, of which the first is ONE, on channels."""
 
-    value: float  # squared score over its variance, less for the number that it was chosen from
-    tried: int  # that number
-    channel: Channel
-    first: Scalar
-    second: Scalar
+    acting: Sequence[Channel]
+    wide: Sequence[Scalar]
+    narrow: Sequence[Scalar]
+    of: int = 1  # number of others that each wide scalar was chosen from
 
 
-class _Narrow(NamedTuple):
-    """Scalars that all others are multiplied with, the first is ONE, and their values by bins."""
-
-    scalars: Sequence[Scalar]
-    values: Array  # (bins, narrow, longest)
+# A product; its squared score over its variance, less for the number that it was chosen from; and that number
+Product = Tuple[Feature, float, int]
 
 
 class Screen:
     """Scores of products at the samples of all runs. sampled: of each run of a Likelihood."""
 
     def __init__(self, likelihood: Likelihood, model: _core.Model, sampled: Sequence[Samples]) -> None:
-        self.sampled, scales = sampled, Scales.of(sampled)
+        self.sampled, self.every, scales = sampled, samples.together(sampled), Scales.of(sampled)
         self.edges = _bins(sampled, BIN * windows.length(likelihood.runs))
-        ends = np.append(self.edges, sum(len(s.times) for s in sampled))
-        self.middles = self.edges + np.diff(ends) // 2
+        ends = np.append(self.edges, len(self.every["t"]))
+        self.middles = {name: values[self.edges + np.diff(ends) // 2] for name, values in self.every.items()}
+        x, y = self.every["x"], self.every["y"]
+        self.acting, motion = channels.channels(model, scales), scalars.of_motion(model, scales, self.every)
         few = scalars.few(model, scales)
-        x, y = (np.concatenate([s.values[name] for s in sampled]) for name in "xy")
-        self.acting, motion = channels.channels(model, scales), scalars.of_motion(model, scales, sampled)
-        self.thirds = self._narrow([ONE, *map(_renamed, few[1:])])
-        narrow, every = self._narrow(few), [*motion, *scalars.of_place(scales, x, y)]
-        values, waves = self._wide(every), scalars.waves(scales, x, y)
-        self.products = [
-            (self.acting, every, values, narrow),
-            (self.acting, waves, self._wide(waves), self._narrow([ONE, *scalars.turns()])),
-            (channels.pulls(scales, x, y), motion, values[:, : len(motion)], narrow),
+        self.thirds = [ONE, *map(_renamed, few[1:])]
+        self.searches = [
+            Search(self.acting, [*motion, *scalars.of_place(scales, x, y)], few),
+            Search(self.acting, scalars.waves(scales, x, y), [ONE, *scalars.turns()]),
+            Search(channels.pulls(scales, x, y), motion, few),
         ]
 
-    def screened(self, regression: Regression, model: _core.Model) -> Regression:
+    def screened(self, regression: Regression) -> Regression:
         """The Regression with the products that have the largest scores."""
         draws = np.concatenate(regression.innovations.scores(RANDOM))
-        found = [p for those in self.products for p in self._best(model, draws, *those)]
-        found = sorted(found, key=lambda product: -product.value)
-        best_last = {(p.first.text, p.second.text): p for p in reversed(found) if p.second is not ONE}
-        begun = sorted(best_last.values(), key=lambda product: -product.value)[:LENGTHENED]
+        model = regression.model
+        found = _sorted([p for search in self.searches for p in self._best(model, draws, search)])
+        pairs = [p for p in reversed(found) if len(p[0].factors) > 1]
+        best_last = {tuple(scalar.text for scalar in p[0].factors): p for p in pairs}
+        begun = _sorted(list(best_last.values()))[:LENGTHENED]
         if begun:
-            longer = [_product(p.first, p.second) for p in begun]
-            tried = max(p.tried for p in begun) // len(longer)
-            found += self._best(model, draws, self.acting, longer, self._wide(longer), self.thirds, tried)
-        found = sorted(found, key=lambda product: -product.value)[:KEPT]
-        features = [product(p.channel, [p.first, p.second]) for p in found]
-        wrenches = [dictionary.wrenches(features, model, s) for s in self.sampled]
-        return regression.extended(features, wrenches, [p.tried for p in found])
+            longer = [_product(*feature.factors) for feature, _, _ in begun]
+            tried = max(tried for _, _, tried in begun) // len(longer)
+            found += self._best(model, draws, Search(self.acting, longer, self.thirds, tried))
+        features, _, tried_of = zip(*_sorted(found)[:KEPT])
+        return regression.extended(features, tried_of)
 
-    def _wide(self, wide: Sequence[Scalar]) -> Array:
-        """Values (bins, wide) in the middles of the bins."""
-        return _values(wide, self.sampled, self.middles)
-
-    def _narrow(self, narrow: Sequence[Scalar]) -> _Narrow:
-        every = self._binned(_values(narrow, self.sampled, slice(None)))
-        return _Narrow(narrow, every.transpose(0, 2, 1))
-
-    def _binned(self, values: Array) -> Array:
-        """Values (n, k) at all samples, by bins (bins, longest, k); zero behind the end of a shorter one."""
-        sizes = np.diff(np.append(self.edges, len(values)))
-        inside = np.arange(len(values)) - np.repeat(self.edges, sizes)
-        binned = np.zeros((len(sizes), sizes.max(), values.shape[1]), np.float32)
-        binned[np.repeat(np.arange(len(sizes)), sizes), inside] = values
-        return binned
-
-    def _best(
-        self,
-        model: _core.Model,
-        draws: Array,
-        acting: Sequence[Channel],
-        wide: Sequence[Scalar],
-        values: Array,
-        narrow: _Narrow,
-        of: int = 1,
-    ) -> List[Product]:
-        """The KEPT_OF_ONE best products on each channel of wide scalars, with their values, and narrow ones.
-        draws: scores of innovations; of: number of others that each wide scalar was chosen from."""
-        units = [product(channel, []) for channel in acting]
+    def _best(self, model: _core.Model, draws: Array, search: Search) -> List[Product]:
+        """The KEPT_OF_ONE best products on each channel. draws: scores of innovations."""
+        acting, wide, narrow, of = search
+        units = [Feature(channel) for channel in acting]
         directions = np.concatenate([dictionary.wrenches(units, model, s) for s in self.sampled])
-        singles = len(acting) * len(wide) * of
-        pairs, found = singles * (len(narrow.scalars) - 1), []
+        P, Q = _values(wide, self.middles), _values(narrow, self.every)
+        singles, found = len(acting) * len(wide) * of, []
+        tried = np.array([singles, *[singles * (len(narrow) - 1)] * (len(narrow) - 1)])
         for channel, e in zip(acting, directions.transpose(2, 0, 1)):
-            z = _scores(values, narrow.values @ self._binned(np.einsum("ij,ijk->ik", e, draws)))
-            z[:, 0] -= 2 * np.log(singles)
-            z[:, 1:] -= 2 * np.log(pairs)
+            scores = np.einsum("ij,ijk->ik", e, draws)
+            weighted = np.array([np.add.reduceat(q[:, None] * scores, self.edges) for q in Q.T], np.float32)
+            z = _scores(P, weighted) - 2 * np.log(tried)
             for at in np.argpartition(-z.ravel(), KEPT_OF_ONE)[:KEPT_OF_ONE].tolist():
-                i, j = divmod(at, len(narrow.scalars))
-                second = narrow.scalars[j]
-                tried = singles if second is ONE else pairs
-                found.append(Product(float(z[i, j]), tried, channel, wide[i], second))
+                i, j = divmod(at, len(narrow))
+                factors = [scalar for scalar in (wide[i], narrow[j]) if scalar is not ONE]
+                found.append((Feature(channel, factors), float(z[i, j]), int(tried[j])))
         return found
 
 
+def _sorted(found: List[Product]) -> List[Product]:
+    return sorted(found, key=lambda product: -product[1])
+
+
 def _product(first: Scalar, second: Scalar) -> Scalar:
-    return Scalar(
-        "(%s)*(%s)" % (first.text, second.text),
-        product_of_units([first.unit, second.unit]),
-        first.arguments | second.arguments,
-        {**first.constants, **second.constants},
-        first.memory + second.memory,
-    )
+    text = "(%s)*(%s)" % (first.text, second.text)
+    return Scalar(text, product_of_units([first.unit, second.unit]), {**first.constants, **second.constants})
 
 
 def _renamed(scalar: Scalar) -> Scalar:
     """The scalar with other names for its constants, as the third of a product."""
-    text = scalar.text
-    for name in scalar.constants:
-        text = text.replace("{%s}" % name, "{%s3}" % name)
-    return replace(scalar, text=text, constants={n + "3": c for n, c in scalar.constants.items()})
+    constants = {name + "3": c for name, c in scalar.constants.items()}
+    return scalar._replace(text=scalar.text.replace("}", "3}"), constants=constants)
 
 
 def _scores(P: Array, weighted: Array) -> Array:
-    """Squared scores of all products of P (bins, wide) and Q over their variances. weighted: (bins, narrow,
+    """Squared scores of all products of P (bins, wide) and Q over their variances. weighted: (narrow, bins,
     1 + RANDOM), sums over each bin of Q times the response of the innovations and of random ones."""
-    count = weighted.shape[2]
-    scores = np.ascontiguousarray(weighted.transpose(2, 1, 0)).reshape(-1, len(P)) @ P
-    scores = scores.reshape(count, -1, P.shape[1])
+    rows = np.ascontiguousarray(weighted.transpose(2, 0, 1)).reshape(-1, len(P))  # one product of matrices
+    scores = (rows @ P).reshape(1 + RANDOM, -1, P.shape[1])
     variance = np.einsum("kij,kij->ij", scores[1:], scores[1:]) / RANDOM
     kept = variance > 1e-9 * variance.max()
     return np.asarray(np.where(kept, scores[0] ** 2 / np.maximum(variance, 1e-30), 0.0)).T
@@ -174,69 +135,44 @@ def _bins(sampled: Sequence[Samples], width: float) -> Indices:
     return np.concatenate(edges)
 
 
-def _values(of: Sequence[Scalar], sampled: Sequence[Samples], at: Any) -> Array:
-    """Scalars (n, k) at some samples of all runs, each over its root mean square; alike ones together."""
-    spaces = [namespace(s) for s in sampled]
-    known = {
-        name: np.concatenate([space[name] for space in spaces])[at] if np.ndim(value) else value
-        for name, value in spaces[0].items()
-    }
-    variables = {name: value[:, None] if np.ndim(value) else value for name, value in known.items()}
-    values = np.empty((len(known["t"]), len(of)), np.float32)
-    by_text: Dict[str, List[int]] = {}
+def _values(of: Sequence[Scalar], every: Dict[str, Array]) -> Array:
+    """Scalars (n, k), each over its root mean square. every: values by the names in formulas."""
+    found = np.empty((len(every["t"]), len(of)), np.float32)
     for k, scalar in enumerate(of):
-        by_text.setdefault(scalar.text, []).append(k)
-    for text, alike in by_text.items():
-        for first in range(0, len(alike), TOGETHER):
-            columns = alike[first : first + TOGETHER]
-            names = {name: "constant_" + name for name in of[columns[0]].constants}
-            constants = {
-                own: np.array([written(of[k].constants[name]) for k in columns])
-                for name, own in names.items()
-            }
-            found = evaluated(text.format(**names), {**variables, **constants})
-            values[:, columns] = found / np.maximum(np.sqrt((found**2).mean(axis=0)), 1e-300)
-    return values
+        values = evaluated(filled(scalar.text, scalar.constants), every)
+        found[:, k] = values / max(float(np.sqrt((values**2).mean())), 1e-300)
+    return found
 
 
-def refined(regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> Regression:
+def refined(regression: Regression) -> Regression:
     """The Regression with its most significant features, and those with a factor less, at the constants that
-    suit best: at others a second factor may make up for what is wrong with the first."""
-    z, tried_of = regression.significance(), regression.tried
+    suit best, after five steps: at others a second factor may make up for what is wrong with the first."""
+    z, tried_of, features = regression.significance(regression.alone), regression.tried, regression.features
     best = [
         j
         for j in np.argsort(2 * np.log(tried_of) - z)[:REFINED].tolist()
-        if regression.features[j].constants and chi_squared_above(float(z[j]), 1) * tried_of[j] < LEVEL
+        if features[j].constants and chi_squared_above(float(z[j]), 1) * tried_of[j] < LEVEL
     ]
     if not best:
         return regression
-    counted = {_key(regression.features[j]): (regression.features[j], tried_of[j]) for j in best}
+    counted = {features[j].label: (features[j], tried_of[j]) for j in best}
     for j in best:
-        for simpler in regression.features[j].simpler:
+        for simpler in features[j].simpler:
             if len(counted) < 2 * REFINED and simpler.constants:
-                counted.setdefault(_key(simpler), (simpler, tried_of[j]))
-    started = [feature for feature, _ in counted.values()]
-    features, values = started, [0.0] * len(started)
-    moved = started
-    for _ in range(ITERATIONS):
-        tried = [f for feature in moved for f in [feature, *_nearby(feature)]]
-        D = regression.projected([dictionary.wrenches(tried, model, s) for s in sampled])
-        at, following = 0, []
-        for i, (feature, start) in enumerate(zip(moved, started)):
-            own = D[:, at : at + 1 + len(feature.constants)]
-            at += own.shape[1]
-            power = float(own[:, 0] @ own[:, 0])
-            reached = float(own[:, 0] @ regression.y) ** 2 / max(power, 1e-300)
-            if reached > values[i]:
-                values[i], features = reached, [*features[:i], feature, *features[i + 1 :]]
-            following.append(_step(feature, start, own, regression.y))
-        moved = following
-    counts = [float(n) * CONSTANT ** len(f.constants) for f, (_, n) in zip(features, counted.values())]
-    return regression.extended(features, [dictionary.wrenches(features, model, s) for s in sampled], counts)
-
-
-def _key(feature: Feature) -> str:
-    return repr(sorted(feature.parts.items()))
+                counted.setdefault(simpler.label, (simpler, tried_of[j]))
+    started, tried = zip(*counted.values())
+    moved, reached = list(started), [(0.0, feature) for feature in started]
+    for _ in range(5):
+        nearby = [[feature, *_nearby(feature)] for feature in moved]
+        D = regression.innovations.projected(regression.responses(sum(nearby, []))[1])
+        for i, own in enumerate(np.split(D, np.cumsum([len(some) for some in nearby])[:-1], axis=1)):
+            value = float(own[:, 0] @ regression.y) ** 2 / max(float(own[:, 0] @ own[:, 0]), 1e-300)
+            if value > reached[i][0]:
+                reached[i] = value, moved[i]
+            moved[i] = _step(moved[i], started[i], own, regression.y)
+    best_of = [feature for _, feature in reached]
+    counts = [float(n) * CONSTANT ** len(f.constants) for f, n in zip(best_of, tried)]
+    return regression.extended(best_of, counts)
 
 
 def _nearby(feature: Feature) -> List[Feature]:
@@ -247,14 +183,13 @@ def _nearby(feature: Feature) -> List[Feature]:
 def _step(feature: Feature, start: Feature, D: Array, y: Array) -> Feature:
     """The feature at the constants of a step of Gauss and Newton's method. D: responses (rows, 1 + k) to the
     feature and to those nearby."""
-    reach = np.array([c.reach for c in feature.constants.values()])
     A = np.column_stack([D[:, 0], D[:, 1:] - D[:, :1]])
     size = np.maximum(np.sqrt((A**2).sum(axis=0)), 1e-300)
     weights = np.linalg.lstsq(A / size, y, rcond=1e-6)[0] / size
-    step = np.zeros(len(reach)) if weights[0] == 0 else weights[1:] / weights[0] * NEARBY
-    step = np.clip(np.nan_to_num(step), -LONGEST, LONGEST) * reach
+    step = np.zeros(len(weights) - 1) if weights[0] == 0 else weights[1:] / weights[0] * NEARBY
+    step = np.clip(np.nan_to_num(step), -LONGEST, LONGEST)
     values = {}
-    for (name, c), move in zip(feature.constants.items(), step):
-        first = start.constants[name]
-        values[name] = float(np.clip(c.value + move, first.value - first.reach, first.value + first.reach))
+    for (name, c), first, move in zip(feature.constants.items(), start.constants.values(), step):
+        low, high = first.value - first.reach, first.value + first.reach
+        values[name] = float(np.clip(c.value + move * c.reach, low, high))
     return feature.at(values)

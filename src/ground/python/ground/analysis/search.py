@@ -18,8 +18,9 @@ from typing import (
     Tuple,
 )
 
+from scipy import special
+
 from ground.analysis import candidates as effects
-from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.likelihood import Fit
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import ScoreTests
@@ -117,7 +118,7 @@ class Search:
     def _threshold(self, size: int) -> float:
         if size not in self._thresholds:
             chance = LEVEL / max(1, len(self.candidates))
-            self._thresholds[size] = chi_squared_limit(chance, size)
+            self._thresholds[size] = float(special.chdtri(size, chance))
         return self._thresholds[size]
 
     def _size(self, name: str) -> int:

@@ -2,27 +2,28 @@
 formula. So an effect that is written in Python runs in the core as fast as one in YAML."""
 
 import inspect
-from typing import Any, Callable, Dict, Iterable, Mapping, Tuple
+from typing import Any, Callable, Dict, Iterable, Mapping, Sequence, Tuple
 
 import numpy as np
 
 from ground.support.errors import GroundError, did_you_mean
 
-Names = Mapping[str, str]
-# Functions of numpy and their names in formulas
-CALLS = {
-    "arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2", "arcsinh": "asinh",
-    "arccosh": "acosh", "arctanh": "atanh", "log": "ln", "absolute": "abs", "fabs": "abs",
-    "minimum": "min", "maximum": "max", "fmin": "min", "fmax": "max",
-    **{name: name for name in "sin cos tan sinh cosh tanh exp log2 log10 sqrt sign rint".split()},
+# Functions of numpy as formulas
+FORMS = {
+    **{name: name + "(%s)" for name in "sin cos tan sinh cosh tanh exp log2 log10 sqrt sign rint".split()},
+    **{"arc" + name: "a" + name + "(%s)" for name in "sin cos tan sinh cosh tanh".split()},
+    "arctan2": "atan2(%s,%s)", "log": "ln(%s)", "absolute": "abs(%s)", "fabs": "abs(%s)",
+    "minimum": "min(%s,%s)", "fmin": "min(%s,%s)", "maximum": "max(%s,%s)", "fmax": "max(%s,%s)",
+    "negative": "(-%s)", "positive": "%s", "square": "(%s)^2", "hypot": "sqrt(%s^2+%s^2)",
+    "add": "(%s+%s)", "subtract": "(%s-%s)", "multiply": "(%s*%s)", "divide": "(%s/%s)",
+    "true_divide": "(%s/%s)", "power": "(%s^%s)", "less": "(%s<%s)", "less_equal": "(%s<=%s)",
+    "greater": "(%s>%s)", "greater_equal": "(%s>=%s)", "equal": "(%s==%s)", "not_equal": "(%s!=%s)",
+    "logical_and": "(%s&&%s)", "logical_or": "(%s||%s)", "bitwise_and": "(%s&&%s)", "bitwise_or": "(%s||%s)",
+    "where": "(%s ? %s : %s)", "clip": "min(max(%s,%s),%s)",
 }  # fmt: skip
-OPERATORS = {
-    "add": "+", "subtract": "-", "multiply": "*", "divide": "/", "true_divide": "/", "power": "^",
-    "less": "<", "less_equal": "<=", "greater": ">", "greater_equal": ">=", "equal": "==",
-    "not_equal": "!=", "logical_and": "&&", "logical_or": "||", "bitwise_and": "&&", "bitwise_or": "||",
-}  # fmt: skip
-ONLY = "a force is made of + - * / **, comparisons, numpy.where, clip, interp and numpy's %s" % ", ".join(
-    sorted(name for name in CALLS if not name.startswith(("f", "arc")))
+ONLY = (
+    "a force is made of + - * / **, comparisons, numpy.where, clip, interp and numpy's absolute, cos, cosh, "
+    "exp, log, log10, log2, maximum, minimum, rint, sign, sin, sinh, sqrt, tan, tanh"
 )
 
 
@@ -32,28 +33,14 @@ class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
     def __init__(self, text: str) -> None:
         self.text = text
 
-    def __array_ufunc__(self, ufunc: Any, method: Any, *inputs: Any, **kwargs: Any) -> "Symbol":
-        name, texts = ufunc.__name__, [formula(one) for one in inputs]
-        if method != "__call__" or kwargs:
-            raise GroundError("numpy.%s.%s is no formula: %s" % (name, method, ONLY))
-        if name in OPERATORS:
-            return Symbol("(%s)" % OPERATORS[name].join(texts))
-        if name in CALLS:
-            return Symbol("%s(%s)" % (CALLS[name], ",".join(texts)))
-        forms = {"negative": "(-%s)", "positive": "%s", "square": "(%s)^2", "hypot": "sqrt(%s^2+%s^2)"}
-        if name not in forms:
-            raise GroundError("numpy.%s is no formula: %s" % (name, ONLY))
-        return Symbol(forms[name] % tuple(texts))
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> "Symbol":
+        name = ufunc.__name__ if method == "__call__" else "%s.%s" % (ufunc.__name__, method)
+        return _called(name, inputs, kwargs)
 
     def __array_function__(self, function: Any, kinds: Any, given: Any, options: Any) -> "Symbol":
         if function is np.interp and len(given) == 3 and not options:
             return _interpolated(*given)
-        texts = [formula(one) for one in given]
-        if function is np.where and len(texts) == 3:
-            return Symbol("(%s ? %s : %s)" % tuple(texts))
-        if function is np.clip and len(texts) == 3:
-            return Symbol("min(max(%s,%s),%s)" % tuple(texts))
-        raise GroundError("numpy.%s is no formula: %s" % (function.__name__, ONLY))
+        return _called(function.__name__, given, options)
 
     def __abs__(self) -> "Symbol":
         return Symbol("abs(%s)" % self.text)
@@ -65,6 +52,14 @@ class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
         raise GroundError("a force must not take numbers out of its arguments (math.sin does): %s" % ONLY)
 
     __index__ = __int__ = __len__ = __iter__ = __float__
+
+
+def _called(name: str, given: Sequence[Any], options: Mapping[str, Any]) -> Symbol:
+    """What a function of numpy makes of symbols and numbers."""
+    form = FORMS.get(name, "")
+    if options or not form or form.count("%s") != len(given):
+        raise GroundError("numpy.%s is no formula: %s" % (name, ONLY))
+    return Symbol(form % tuple(map(formula, given)))
 
 
 def _interpolated(at: Any, points: Any, values: Any) -> Symbol:
@@ -94,7 +89,7 @@ class Symbols:
     """Symbols by name, as attributes. what: they are of; names: in formulas, by attribute; prefix: of other
     attributes that are names in formulas, too (empty: there are none)."""
 
-    def __init__(self, what: str, names: Names, prefix: str = "") -> None:
+    def __init__(self, what: str, names: Mapping[str, str], prefix: str = "") -> None:
         self._what, self._names, self._prefix = what, names, prefix
 
     def __getattr__(self, name: str) -> Symbol:

@@ -155,7 +155,7 @@ def _conclude(
     left = found.ceiling_of()
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.prediction_time, found.each)
     if not agrees.holds and not left.said:
-        left = left.unbounded()
+        left = replace(left, bound=1.0)  # nothing tells what the rest is: all of it may be learnable
     floor, varies = found.noise_floor(found.names), _varies(found)
     before = min(refits, key=lambda refit: found.compared(refit.tested, refits[0].tested).rise)
     if not found.chosen and not found.compared(refits[0].tested, before.tested).is_worse:
