@@ -47,7 +47,7 @@ class Evaluation:
         off = [np.abs((piece["measured"] - piece["nu"]) / self.sigma) for piece in self.pieces]
         return np.array([window.mean(axis=0).sum() for window in off])
 
-    def all(self, name: str) -> Array:
+    def stacked(self, name: str) -> Array:
         """The velocities "measured" or "nu" (simulated) of all windows, (n, 3)."""
         return np.vstack([piece[name] for piece in self.pieces])
 
@@ -106,8 +106,8 @@ def _predict_horizons(run: _core.RunData, model: _core.Model) -> List[Document]:
 
 def numbers(evaluations: Sequence[Evaluation]) -> Document:
     """Error numbers of one run, or pooled over several: every sample has the same weight."""
-    measured = [e.all("measured") for e in evaluations]
-    left = [own - e.all("nu") for own, e in zip(measured, evaluations)]
+    measured = [e.stacked("measured") for e in evaluations]
+    left = [own - e.stacked("nu") for own, e in zip(measured, evaluations)]
     residual = np.vstack(left)
     off = np.abs(np.vstack([own / e.sigma for own, e in zip(left, evaluations)])).mean(axis=0)
     predicted = np.vstack([e.predicted for e in evaluations])

@@ -10,6 +10,7 @@ from ground.analysis import candidates
 from ground.analysis.diagnosis import EXPLAINED
 from ground.analysis.verdict import SIMULATION
 from ground.diagnosing import words
+from ground.recordings import suspicions
 from ground.reports.words import capital, direction, listed, number, off, prediction
 from ground.support.annotations import Document
 from ground.support.headline import Line
@@ -64,7 +65,8 @@ def _answers(report: Document) -> Iterator[str]:
             "not searched - these recordings seem to be read with wrong units, axes, channels or clocks, "
             "so that effects found in them would be wrong."
         )
-        yield from words.findings(report)
+        for found in report["findings"]:
+            yield "%s: %s" % (", ".join(found["runs"]), suspicions.sentence(found))
         return
     for step in report["steps"]:
         yield _effect(report, step)

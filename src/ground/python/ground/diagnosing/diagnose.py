@@ -29,8 +29,6 @@ from ground.support.errors import GroundError, did_you_mean, warn
 from ground.support.headline import formatted
 from ground.support.progress import Progress, Work
 
-ON_REQUEST = ", ".join(candidates.on_request())
-
 
 @dataclass(frozen=True)
 class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
@@ -38,7 +36,7 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
 
     only: Optional[Sequence[str]] = option(
         None,
-        "effects to try, of the library and of --effects (all but %s)" % ON_REQUEST,
+        "effects to try, of the library and of --effects (all but %s)" % ", ".join(candidates.on_request()),
         metavar="EFFECT",
         nargs="+",
     )
@@ -46,7 +44,7 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
     effects: Sequence[EffectLike] = option(
         (),
         "effects to try as well: your own, one in each FILE.yaml, as model files list them, or by name those "
-        "of the library that are not tried by default (%s)" % ON_REQUEST,
+        "of the library that are not tried by default (%s)" % ", ".join(candidates.on_request()),
         metavar="EFFECT",
         nargs="+",
     )

@@ -5,7 +5,6 @@ from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
 
 from ground.analysis.formula_words import WORDS, quantity, with_interval
 from ground.analysis.residuals import UNITS
-from ground.recordings import suspicions
 from ground.recordings.recording import POSE
 from ground.reports.words import capital, listed, number, off
 from ground.support.annotations import Document
@@ -30,11 +29,6 @@ def effects(report: Document, names: Sequence[str]) -> str:
 def is_held_out(report: Document) -> bool:
     """Whether the user held out runs."""
     return bool(report["runs"]["heldout"] != report["runs"]["fit"])
-
-
-def findings(report: Document) -> List[str]:
-    """Mistakes that the recordings look like, each with its evidence and the option that mends it."""
-    return ["%s: %s" % (", ".join(f["runs"]), suspicions.sentence(f)) for f in report["findings"]]
 
 
 def varying(found: Document) -> str:
