@@ -1,7 +1,7 @@
 """What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
 import dataclasses
-from typing import Iterable, List, Mapping, Optional, Sequence
+from typing import Any, Iterable, List, Mapping, Optional, Sequence
 
 from ground import _core
 from ground.analysis import bands, candidates, excerpts, horizon, indistinguishable, stages
@@ -77,8 +77,7 @@ def begun(
         ],
         "dropped": [
             {
-                **_tried(dropped.trial, tried),
-                "why": dropped.why,
+                **_tried(dropped.trial, tried, why=dropped.why),
                 "change": dropped.change and dataclasses.asdict(dropped.change),
             }
             for dropped in diagnosis.dropped
@@ -173,10 +172,10 @@ def renewed(report: Document) -> Document:
     return report
 
 
-def _tried(trial: Trial, count: int) -> Document:
-    """An effect with its parameters, and its chances among some that were tried."""
+def _tried(trial: Trial, count: int, **more: Any) -> Document:
+    """An effect with its parameters, more, and its chances among some that were tried."""
     parameters = _parameters(trial.parameters, trial.name + ".")
-    return {"effect": trial.name, "parameters": parameters, **_chances(trial.p_value, count)}
+    return {"effect": trial.name, "parameters": parameters, **more, **_chances(trial.p_value, count)}
 
 
 def _candidates(diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlike]) -> List[Document]:
@@ -192,8 +191,7 @@ def _candidates(diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlik
         group = groups.get(trial.name, [trial.name]) + taken_over.get(trial.name, [])
         described.append(
             {
-                **_tried(trial, len(diagnosis.candidates)),
-                "rank": rank,
+                **_tried(trial, len(diagnosis.candidates), rank=rank),
                 "delta_bic": float(trial.delta_bic),
                 "error": _error(fit.error.sum(), fit.heldout.sum()) if fit else _error(None, None),
                 "selected": trial.name in chosen,
