@@ -181,7 +181,7 @@ def _tried(trial: Trial, count: int, **more: Any) -> Document:
 def _candidates(diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlike]) -> List[Document]:
     """The effects, each tried with the refitted nominal model, best first."""
     tried, chosen = diagnosis.tried, {c.name for c in diagnosis.chosen}
-    judged = {t.name for i, t in enumerate(tried) if i < MAX_JUDGED} | chosen
+    judged = {t.name for t in tried[:MAX_JUDGED]} | chosen
     taken_over = {a.name: list(a.moved) for a in alike}
     groups = {step.added: list(step.group) for step in diagnosis.steps}
     first = [t.name for t in tried if t.equal]

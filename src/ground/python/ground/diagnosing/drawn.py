@@ -12,7 +12,6 @@ from ground.support.errors import GroundError, warn
 from ground.support.workers import Workers
 
 REFITTED = "refitted"  # label of the nominal model
-MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
 
 
 @dataclass(frozen=True)
@@ -28,16 +27,9 @@ class Drawn:
     described: List[Document]  #: findings.describe of all runs
     inputs: List[str]  #: paths of all that was read
 
-    @property
-    def chosen(self) -> List[int]:
-        """Numbers of the runs that are drawn, of those fitted to and then those held out."""
-        count = len(self.runs) + len(self.held)
-        most = min(MAX_DRAWN, count)
-        return [i * count // most for i in range(most)]
-
     def inspected(self, chosen: Sequence[int]) -> List[List[Document]]:
-        """For runs by their numbers, the results of ground.reports.inspection for each model; none, with a
-        warning, where a motion is not finite."""
+        """For runs by their numbers, first those fitted to, the results of ground.reports.inspection for each
+        model; none, with a warning, where a motion is not finite."""
         runs = [(run, "fit") for run in self.runs] + [(run, "held_out") for run in self.held]
 
         def inspect(task: Tuple[int, Tuple[str, _core.Model]]) -> Document:

@@ -9,11 +9,14 @@ from ground.reports import appearance, figures, page, studies
 from ground.reports.words import number, off
 from ground.support.annotations import Document
 
+MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
+
 
 def write(path: str, report: Document, found: Drawn, force: bool = False) -> None:
-    """Writes the page of a diagnosis. report: as ground.diagnosing.document gives it. At most
-    drawn.MAX_DRAWN runs are drawn."""
-    drawn, described = found.chosen, found.described
+    """Writes the page of a diagnosis. report: as ground.diagnosing.document gives it."""
+    described, count = found.described, len(found.described)
+    most = min(MAX_DRAWN, count)
+    drawn = [i * count // most for i in range(most)]
     inspected, banded = found.inspected(drawn), {id(one.run): one for one in found.bands}
     tested = "cross-validated: each run (or quarter of a single one), by a fit to the others"
     if words.is_held_out(report):
@@ -32,7 +35,7 @@ def write(path: str, report: Document, found: Drawn, force: bool = False) -> Non
         words=words,
         predictions=predictions(report),
         drawn=len(inspected),
-        count=len(described),
+        count=count,
         runs=studies.shown(inspected, [described[i] for i in drawn], banded),
         candidates=_candidates(report),
         chosen=[i for i, c in enumerate(report["candidates"]) if c["selected"]],
