@@ -14,6 +14,7 @@ from ground.analysis.horizon import Starts
 from ground.analysis.likelihood import Likelihood
 from ground.diagnosing import words
 from ground.recordings import windows
+from ground.recordings.recording import POSE, VELOCITY
 from ground.reports import figures
 
 BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
@@ -52,11 +53,11 @@ def of_folds(case):
 def test_held_out_runs_are_covered(cases):
     found = [band for case in cases for band in of_folds(case)]
     share = shares(found)
-    assert set(share) == {(h, c) for h in (0.5, 1.5, 4.0) for c in bands.CHANNELS}
+    assert set(share) == {(h, c) for h in (0.5, 1.5, 4.0) for c in (*POSE, *VELOCITY)}
     for horizon in (1.5 * part for part in bands.HORIZONS):
-        poses = [share[horizon, channel] for channel in bands.POSE]
+        poses = [share[horizon, channel] for channel in POSE]
         assert 0.84 < np.mean(poses) < 0.96, horizon
-        assert all(0.75 < share[horizon, channel] for channel in bands.CHANNELS), share
+        assert all(0.75 < share[horizon, channel] for channel in (*POSE, *VELOCITY)), share
 
 
 def test_without_the_disturbance_nothing_is_covered(cases):
@@ -70,7 +71,7 @@ def test_without_the_disturbance_nothing_is_covered(cases):
         calm += bands.of_others(others, dataclasses.replace(fit, levels=levels), 160)
     share, without = shares(found), shares(calm)
     for horizon in (1.5 * part for part in bands.HORIZONS):
-        poses = [(horizon, channel) for channel in bands.POSE]
+        poses = [(horizon, channel) for channel in POSE]
         assert np.mean([without[p] for p in poses]) < np.mean([share[p] for p in poses]) - 0.25
     assert np.mean([share[p] for p in share]) > 0.8
 
@@ -106,7 +107,7 @@ def test_predictions_follow_each_other_and_end_at_gaps(cases):
     assert found.predictions
     for one in found.predictions:
         assert np.diff(one.times).max(initial=0) < 0.1
-        assert (one.low <= one.high).all() and (one.deviation > 0).all()
+        assert (one.low <= one.high).all()
     for horizon in (1.5 * part for part in bands.HORIZONS):
         tiles = found.tiled(horizon)
         assert max(t[-1] - t[0] for t, _, _ in tiles) <= horizon

@@ -17,31 +17,24 @@ from typing import List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import folds, likelihood
-from ground.analysis.likelihood import CAP, call
+from ground.analysis.folds import Folds
+from ground.analysis.likelihood import CAP, Fit, call
 from ground.recordings import headings, repair, windows
+from ground.recordings.recording import POSE, VELOCITY
 from ground.support.annotations import Array, Document, Each, Flags
 from ground.support.errors import GroundError
 
+_Task = Tuple[int, Fit, Sequence[_core.Window], Sequence[float]]
 PART = 0.9  # probability that a band holds the measurement
 HORIZONS = (1 / 3, 1.0, 8 / 3)  # horizons at which coverage is counted [windows]
-CHANNELS = ("x", "y", "psi", "u", "v", "r")
-POSE = CHANNELS[:3]  # measured; the velocities are smoothed from these
-LEARNING = 1 / 3  # time in which the filter learns the motion at the beginning of a stretch [windows]
-DRAWS = 59  # motions drawn; 5% of (DRAWS + 1) is whole, so that quantiles are order statistics
-_Task = Tuple[_core.RunData, likelihood.Fit, List[_core.Window], float]  # ..., expected loudness
-
 TOLERANCE = 1 / 30  # longest time from the last sample to the horizon [windows]
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """A prediction from one start: a row for each sample, a column for each of CHANNELS [m], [rad], [m/s],
-    [rad/s]."""
+    """A prediction from one start: a row for each sample of x, y [m], psi [rad], u, v [m/s], r [rad/s]."""
 
     times: Array  # (n,) on the run's clock; the first is the start [s]
-    mean: Array  # (n, 6)
-    deviation: Array  # (n, 6) standard deviation
     low: Array  # (n, 6) ends of the band
     high: Array  # (n, 6)
     measured: Array  # (n, 6) x, y, psi (unwrapped) as measured; u, v, r smoothed
@@ -52,7 +45,7 @@ class Bands:
     """Predictions of one run by a model that was not fitted to it."""
 
     run: _core.RunData
-    predictions: Tuple[Prediction, ...]  # in the order of their starts
+    predictions: Sequence[Prediction]  # in the order of their starts
 
     @property
     def unit(self) -> float:
@@ -75,79 +68,69 @@ class Bands:
 
     def at(self, horizon: float) -> Flags:
         """Whether the bands hold the measurements at a horizon [s], (k, 6)."""
-        held = np.zeros((0, 6), bool)
-        for prediction in self.predictions:
-            times = prediction.times - prediction.times[0]
+        held = []
+        for one in self.predictions:
+            times = one.times - one.times[0]
             row = int(np.searchsorted(times, horizon, side="right")) - 1
             if times[row] > horizon - TOLERANCE * self.unit:
-                measured = prediction.measured[row]
-                within = (prediction.low[row] <= measured) & (measured <= prediction.high[row])
-                held = np.vstack([held, within])
-        return held
+                held.append((one.low[row] <= one.measured[row]) & (one.measured[row] <= one.high[row]))
+        return np.array(held, bool).reshape(-1, 6)
 
 
-def of_folds(split: folds.Folds, fit: likelihood.Fit, others: Sequence[likelihood.Fit] = ()) -> List[Bands]:
+def of_folds(split: Folds, fit: Fit, others: Sequence[Fit] = ()) -> List[Bands]:
     """Bands of the runs that a likelihood.Fit was fitted to, each predicted by a refit without that run.
 
     split: Folds of these runs; others: the refits, if they are known. The levels stay those of the fit; the
     expected loudness is that of the other runs. Each quarter of a single run is predicted by a fit to the
     others; the end of a long horizon may lie in a quarter that was fitted to.
     """
-    models, runs = others or split.models(fit), split.runs
-    tasks: List[_Task] = []
-    for i, run in enumerate(runs):
-        for fold, model in enumerate(models):
+    tasks = []
+    for fold, other in enumerate(others or split.models(fit)):
+        alone = len(split.runs) == 1
+        loudness = [v for k, v in enumerate(fit.loudness) if alone or k % split.count != fold]
+        for i in range(len(split.runs)):
             cut = [w for w, f in zip(split.cut, split.fold_of) if w.run == i and f == fold]
-            loudness = [v for k, v in enumerate(fit.loudness) if len(runs) == 1 or k % split.count != fold]
-            tasks.append((run, model, cut, _mean(loudness)))
-    return _all_of(runs, [task for task in tasks if task[2]], split.each)
+            if cut:
+                tasks.append((i, other, cut, loudness))
+    return _bands(split.runs, tasks, split.each)
 
 
-def of_others(
-    runs: Sequence[_core.RunData], fit: likelihood.Fit, most: float, each: Each = map
-) -> List[Bands]:
+def of_others(runs: Sequence[_core.RunData], fit: Fit, most: float, each: Each = map) -> List[Bands]:
     """Bands of runs (_core.RunData) that a likelihood.Fit was not fitted to.
 
     most: approximate number of windows in which predictions start, spread evenly over the runs;
     each: maps a function over items, in parallel if it can.
     """
-    cut, loudness = windows.spread(windows.cut(runs), most), _mean(fit.loudness)
-    tasks = [(run, fit, [w for w in cut if w.run == i], loudness) for i, run in enumerate(runs)]
-    return _all_of(runs, tasks, each)
+    cut = windows.spread(windows.cut(runs), most)
+    tasks = [(i, fit, [w for w in cut if w.run == i], fit.loudness) for i in range(len(runs))]
+    return _bands(runs, tasks, each)
 
 
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values)) if values else 0.0
-
-
-def _all_of(runs: Sequence[_core.RunData], tasks: Sequence[_Task], each: Each) -> List[Bands]:
-    """Bands of runs by the predictions of tasks, each of one of the runs."""
+def _bands(runs: Sequence[_core.RunData], tasks: Sequence[_Task], each: Each) -> List[Bands]:
+    """Bands of runs by the predictions of tasks: number of a run, fit, windows, loudness of other runs."""
     found: List[List[Prediction]] = [[] for _ in runs]
-    for task, predictions in zip(tasks, each(_predict, tasks)):
-        found[[run is task[0] for run in runs].index(True)] += predictions
-    starts = [sorted(some, key=lambda one: float(one.times[0])) for some in found]
-    return [Bands(run, tuple(some)) for run, some in zip(runs, starts)]
+    for (i, *_), predictions in zip(tasks, each(lambda task: _predict(runs[task[0]], *task[1:]), tasks)):
+        found[i] += predictions
+    return [Bands(run, sorted(some, key=lambda one: float(one.times[0]))) for run, some in zip(runs, found)]
 
 
-def _predict(task: _Task) -> List[Prediction]:
+def _predict(
+    run: _core.RunData, fit: Fit, cut: Sequence[_core.Window], loudness: Sequence[float]
+) -> List[Prediction]:
     """Predictions of a run from starts in its windows; none if a motion is not finite."""
-    run, fit, cut, loudness = task
     times, measured = np.array(run.times), _measured(run)
-    starts, horizons = _starts(run, cut)
-    box = call(_core.GreyBox, [run], fit.model)
     try:
         found = call(
-            box.forecast,
-            _core.GreyBoxPoint(fit.model, fit.levels, [loudness]),
+            call(_core.GreyBox, [run], fit.model).forecast,
+            _core.GreyBoxPoint(fit.model, fit.levels, [float(np.mean(loudness or [0.0]))]),
             0,
-            starts,
-            horizons,
+            *_starts(run, cut),
             unknown_scale=True,
             free=list(fit.free),
             information=fit.information,
             scale=list(fit.scale),
             part=PART,
-            draws=DRAWS,
+            draws=59,  # 5% of 60 is whole, so that quantiles are order statistics
             velocity_noise=_smoothed_noise(run),
             cap=CAP,
         )
@@ -159,21 +142,19 @@ def _predict(task: _Task) -> List[Prediction]:
         truth = measured[rows].copy()
         # The filter's heading may differ by whole turns.
         truth[:, 2] += 2 * np.pi * np.round((one["mean"][0, 2] - truth[0, 2]) / (2 * np.pi))
-        predictions.append(
-            Prediction(times[rows], one["mean"], one["deviation"], one["low"], one["high"], truth)
-        )
+        predictions.append(Prediction(times[rows], one["low"], one["high"], truth))
     return predictions
 
 
 def _starts(run: _core.RunData, cut: Sequence[_core.Window]) -> Tuple[List[int], List[float]]:
     """Samples to predict from, one in each window, and horizons [s]. None starts at a stretch's first pose:
-    the filter first has to learn the motion."""
+    the filter first has to learn the motion, for the shortest horizon."""
     times, unit = np.array(run.times), run.scales.window
     starts, horizons = [], []
     for window in sorted(cut, key=lambda w: int(w.first)):
         first, last = window.first, window.last
         if first == 0 or times[first] - times[first - 1] > run.scales.max_gap:
-            starts.append(int(np.searchsorted(times, times[first] + LEARNING * unit)))
+            starts.append(int(np.searchsorted(times, times[first] + HORIZONS[0] * unit)))
             horizons.append(times[last] - times[starts[-1]])
         else:
             starts.append(first)
@@ -182,7 +163,7 @@ def _starts(run: _core.RunData, cut: Sequence[_core.Window]) -> Tuple[List[int],
 
 
 def _measured(run: _core.RunData) -> Array:
-    """(n, 6) of CHANNELS; headings are unwrapped as the smoothed ones are."""
+    """(n, 6) as Prediction.measured; headings are unwrapped as the smoothed ones are."""
     eta, poses = np.array(run.eta), np.array(run.poses)
     if len(poses):
         eta = np.column_stack([poses[:, :2], eta[:, 2] + headings.wrap(poses[:, 2] - eta[:, 2])])
@@ -207,8 +188,8 @@ def coverage(bands: Sequence[Bands]) -> List[Document]:
     rows = []
     for horizon in [part * bands[0].unit for part in HORIZONS] if bands else []:
         held = np.vstack([b.at(horizon) for b in bands])
-        for i, channel in enumerate(CHANNELS if len(held) else ()):
-            share = float(held[:, i].mean())
-            row = {"horizon": horizon, "channel": channel, "coverage": share, "predictions": len(held)}
-            rows.append(row)
+        rows += [
+            {"horizon": horizon, "channel": channel, "coverage": share, "predictions": len(held)}
+            for channel, share in zip((*POSE, *VELOCITY), held.mean(axis=0).tolist() if len(held) else ())
+        ]
     return rows

@@ -34,39 +34,26 @@ class HeldOut:
     runs: Sequence[_core.RunData] = ()
 
 
-@dataclass(frozen=True)
-class Band:
-    """How far a fitted model may be off."""
+def half_width(parts: Sequence[HeldOut], level: float, course: Courses, run: _core.RunData) -> Array:
+    """Half the width (n, 6) of the band about the predicted samples of a run not fitted to.
 
-    level: float  #: share of the samples that it holds, of each of x, y, psi, u, v, r
-    parts: Sequence[HeldOut]
-    factor: Array  #: (6,) half the width over the deviation
-
-    @classmethod
-    def of(cls, parts: Sequence[HeldOut], level: float, course: Courses) -> "Band":
-        """The Band of a fit whose parts were held out. course: simulates a run. GroundError when there are
-        fewer than two parts, or level is not between 0 and 1."""
-        if not 0 < level < 1:
-            raise GroundError("a band holds a share between 0 and 1, not %g" % level)
-        if sum(bool(part.runs) for part in parts) < 2:
-            raise GroundError("a band needs a fit to two runs or more, of which each is held out")
-        ratios: List[Array] = []
-        for part in parts:
-            for run in part.runs:
-                seen = course(run, part.model)
-                if seen:
-                    predicted, measured = seen
-                    off = np.abs(_apart(measured, predicted))
-                    ratios.append(off / _deviation(parts, run, course))
-        if not ratios:
-            raise GroundError(
-                "no run that the model was fitted to is long enough for the horizon of the band"
-            )
-        return cls(level, parts, _factor(ratios, level))
-
-    def half(self, run: _core.RunData, course: Courses) -> Array:
-        """Half the width (n, 6) about the predicted samples of a run that the model was not fitted to."""
-        return self.factor * _deviation(self.parts, run, course)
+    parts: of its fit, held out; level: share of the samples that the band is to hold, of each of x, y, psi,
+    u, v, r; course: simulates a run. GroundError when there are fewer than two parts, or level is not between
+    0 and 1.
+    """
+    if not 0 < level < 1:
+        raise GroundError("a band holds a share between 0 and 1, not %g" % level)
+    if sum(bool(part.runs) for part in parts) < 2:
+        raise GroundError("a band needs a fit to two runs or more, of which each is held out")
+    ratios: List[Array] = []
+    for part in parts:
+        for held in part.runs:
+            seen = course(held, part.model)
+            if seen:
+                ratios.append(np.abs(_apart(seen[1], seen[0])) / _deviation(parts, held, course))
+    if not ratios:
+        raise GroundError("no run that the model was fitted to is long enough for the horizon of the band")
+    return np.asarray(_factor(ratios, level) * _deviation(parts, run, course))
 
 
 def beyond(parts: Sequence[HeldOut], predicted: Array) -> List[int]:
@@ -85,13 +72,9 @@ def _deviation(parts: Sequence[HeldOut], run: _core.RunData, course: Courses) ->
     count = sum(bool(part.runs) for part in parts)
     weights = [(count - 1) / count if part.runs else 1.0 for part, _ in predicted]
     squares = sum(w * np.square(_apart(one, mean)) for w, (_, one) in zip(weights, predicted))
-    return np.asarray(np.sqrt(squares + np.square(_noise(run))))
-
-
-def _noise(run: _core.RunData) -> Array:
-    """(6,) of a pose, and of velocities over a window."""
     pose = np.asarray(run.noise)
-    return np.concatenate([pose, pose / float(run.scales.window)])
+    noise = np.concatenate([pose, pose / float(run.scales.window)])  # of velocities: over a window
+    return np.asarray(np.sqrt(squares + np.square(noise)))
 
 
 def _apart(a: Array, b: Array) -> Array:
@@ -101,9 +84,10 @@ def _apart(a: Array, b: Array) -> Array:
 
 
 def _factor(ratios: Sequence[Array], level: float) -> Array:
-    """(6,) that a share of the samples of a new run will not exceed in about the same share of runs: samples
-    of a run depend on each other, so runs are what is counted. Each run is predicted without itself, but the
-    deviations are of fits to it, too, as in the jackknife+ (Barber et al. 2021), which for a share of 0.9
-    promises 0.8 and usually holds 0.9. Of fewer runs than that takes, such as nine for 0.9, the largest."""
+    """Half the width over the deviation, (6,), that a share of the samples of a new run will not exceed in
+    about the same share of runs: samples of a run depend on each other, so runs are what is counted. Each run
+    is predicted without itself, but the deviations are of fits to it, too, as in the jackknife+ (Barber et
+    al. 2021), which for a share of 0.9 promises 0.8 and usually holds 0.9. Of fewer runs than that takes,
+    such as nine for 0.9, the largest."""
     scores = np.sort([np.quantile(some, level, axis=0) for some in ratios], axis=0)
     return np.asarray(scores[min(int(np.ceil((len(scores) + 1) * level)), len(scores)) - 1])

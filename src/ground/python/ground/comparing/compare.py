@@ -60,7 +60,6 @@ from ground.support.progress import Progress, Work
 from ground.support.results import distinct_labels
 
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
-WRITING = "writing the page"  # stage
 CHANCE = 0.05  # probability that any of equally good models is said to differ from the best
 Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
 
@@ -237,7 +236,7 @@ def run(arguments: argparse.Namespace) -> Document:
         _, numbers = prepare(arguments.output, arguments.force)
         chosen = command_line.options(arguments, bag_arguments.Part)
         found = compare(models, recordings, options=chosen, progress=arguments.work)
-    with arguments.work.stage(WRITING):
+    with arguments.work.stage(result_folder.WRITING):
         place = found.save(arguments.output, not arguments.numbers, arguments.force)
     command_line.say_result(arguments, found, place)
     command_line.write_mat(arguments, found)

@@ -7,7 +7,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import horizon as horizons
-from ground.analysis.predicted_band import Band, Course, HeldOut, beyond
+from ground.analysis.predicted_band import Course, HeldOut, beyond, half_width
 from ground.data.measured import Part, Recordings, taken
 from ground.models import Model, ModelLike
 from ground.recordings import headings, quality
@@ -177,7 +177,7 @@ def predict(
             return None
         return shape.predicted(model), shape.measured
 
-    half = Band.of(parts, band, course).half(made.run, course)
+    half = half_width(parts, band, course, made.run)
     further = beyond(parts, made.predicted)
     if further:
         warn(

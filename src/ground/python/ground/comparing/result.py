@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 
 import numpy as np
 
-from ground.analysis import comparison
 from ground.analysis.horizon import PoseError, PredictionError, as_document
 from ground.comparing import words
 from ground.models import Model
 from ground.recordings import findings
 from ground.recordings.quality import repaired
-from ground.recordings.recording import Recording
+from ground.recordings.recording import VELOCITY, Recording
 from ground.reports import appearance, matlab, result_folder
 from ground.reports.words import number
 from ground.support import files
@@ -49,7 +48,7 @@ class _Frame(Shown):
             [run, label, role, *(n[name] for name in names), *n["fit_percent"].values()]
             for run, label, role, n in self.rows()
         ]
-        fits = ["fit_" + channel for channel in comparison.CHANNELS]
+        fits = ["fit_" + channel for channel in VELOCITY]
         frame = pandas.DataFrame(rows, columns=["run", "model", "role", *names, *fits])
         return frame.set_index(["run", "model"])
 
@@ -317,7 +316,7 @@ def _table(rows: Sequence[Sequence[Any]]) -> Iterator[str]:
             "%.3f" % n["error"],
             number(n["prediction_error"]),
             number(n["thesis_objective"]),
-            ", ".join("%.0f" % n["fit_percent"][c] for c in comparison.CHANNELS),
+            ", ".join("%.0f" % n["fit_percent"][c] for c in VELOCITY),
             appearance.off_after(n),
         )
         yield "  %-*s " % (width, label) + COLUMNS % cells

@@ -10,13 +10,13 @@ from ground.analysis import candidates
 from ground.analysis.diagnosis import EXPLAINED
 from ground.analysis.verdict import SIMULATION
 from ground.diagnosing import words
+from ground.recordings import suspicions
 from ground.reports.words import capital, direction, listed, number, off, prediction
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
-VERY_CERTAIN, CERTAIN = 1e-6, 1e-3  # largest probabilities of as much evidence without the effect
-MOSTLY = 0.5  # share in common from which on what is left is no random push
-MISSING = "Missing"
+# Words by the largest probability of as much evidence without the effect
+CERTAINTY = ((1e-6, "Very certain"), (1e-3, "Certain"), (math.inf, "Likely"))
 
 
 def lines(report: Document, folder: str = "") -> List[Line]:
@@ -27,17 +27,15 @@ def lines(report: Document, folder: str = "") -> List[Line]:
 
 def known_first(report: Document) -> List[Line]:
     """The lines that need the verdict only."""
-    answers = list(_answers(report))
-    head = [(MISSING if i == 0 else "", text) for i, text in enumerate(answers)]
+    head = [("" if i else "Missing", text) for i, text in enumerate(_answers(report))]
     if report["verdict"] == "misread":
         return head
-    effects = report["improved"]["effects"]
-    better = "improved" if effects else "refitted"
-    without = "without %s, refitted" % ("the effect" if len(effects) == 1 else "the effects")
-    beside = {"refitted": without} if effects else {}
+    count, beside = len(report["improved"]["effects"]), {}
+    if count:
+        beside["refitted"] = "without the effect%s, refitted" % ("s" * (count > 1))
     if report["ceiling"]["named_as"]:
         beside["formula"] = "with the formula for what is left"
-    return head + prediction(report["prediction"], "given", better, **beside)
+    return head + prediction(report["prediction"], "given", "improved" if count else "refitted", **beside)
 
 
 def known_last(report: Document, folder: str) -> Iterator[Line]:
@@ -58,26 +56,24 @@ def _in(folder: str, name: str) -> str:
 
 def title(report: Document) -> str:
     """The answer in a sentence."""
-    return "%s: %s" % (MISSING, " ".join(_answers(report)))
+    return "Missing: " + " ".join(_answers(report))
 
 
 def _answers(report: Document) -> Iterator[str]:
-    kind = report["verdict"]
-    if kind == "misread":
+    if report["verdict"] == "misread":
         yield (
             "not searched - these recordings seem to be read with wrong units, axes, channels or clocks, "
             "so that effects found in them would be wrong."
         )
-        for sentence in words.findings(report):
-            yield sentence
+        for found in report["findings"]:
+            yield "%s: %s" % (", ".join(found["runs"]), suspicions.sentence(found))
         return
     for step in report["steps"]:
         yield _effect(report, step)
-    by_simulation = report["improved"].get("by") == SIMULATION  # not in reports of release 1.0.0
     rest = _rest(report)
     if rest:
         yield rest
-    if by_simulation:
+    if report["improved"].get("by") == SIMULATION:  # not in reports of release 1.0.0
         yield "The model is fitted by simulation error: it predicts better than the one by likelihood."
     if report["steps"] and not rest and _rest_matters(report):
         yield capital(_left(report))
@@ -88,8 +84,8 @@ def _effect(report: Document, step: Document) -> str:
     Very certain."."""
     name, values = step["added"], report["improved"]["parameters"]
     own = {key.split(".", 1)[1]: p for key, p in values.items() if key.startswith(name + ".")}
-    told = "%s - %s: " % (name, report["means"][name]) if name in report["means"] else name + ": "
-    told += ", ".join(words.parameter(key, p) for key, p in own.items())
+    means = " - " + report["means"][name] if name in report["means"] else ""
+    told = "%s%s: %s" % (name, means, ", ".join(words.parameters(own)))
     if all(p["identified"] and None not in p["ci95"] for p in own.values()):
         deviations = {key: (p["ci95"][1] - p["ci95"][0]) / 3.92 for key, p in own.items()}
         where = direction(name, {key: p["value"] for key, p in own.items()}, deviations)
@@ -112,9 +108,9 @@ def _left(report: Document) -> str:
 
 
 def _is_chance(report: Document) -> bool:
-    """Whether runs with the same commands show that most of what is left is a random push."""
+    """Whether runs with the same commands show that more than half of what is left is a random push."""
     found = report["agreement"].get("common")  # not in reports of release 1.0.0
-    return bool(report["agreement"]["holds"] and found and found["low"] <= 0 and found["high"] < MOSTLY)
+    return bool(report["agreement"]["holds"] and found and found["low"] <= 0 and found["high"] < 1 / 2)
 
 
 def _rest_matters(report: Document) -> bool:
@@ -123,15 +119,13 @@ def _rest_matters(report: Document) -> bool:
     if found is None or least is None:
         return False
     error, mocap = found["errors"]["improved"], found["mocap"]
-    left = [(error[key] or math.inf) ** 2 - (mocap[key] or 0.0) ** 2 > least[key] ** 2 for key in least]
-    return any(left)
+    return any((error[key] or math.inf) ** 2 - (mocap[key] or 0.0) ** 2 > least[key] ** 2 for key in least)
 
 
 def _certainty(report: Document, step: Document) -> str:
     """How certain an effect is, and what speaks against it."""
-    judged, chance = step["judged"], step["p_corrected"]
-    sure = "Very certain" if chance < VERY_CERTAIN else "Certain" if chance < CERTAIN else "Likely"
-    held, fitted = judged["holdout"], judged["fitted"]
+    held, fitted = step["judged"]["holdout"], step["judged"]["fitted"]
+    sure = next(word for chance, word in CERTAINTY if step["p_corrected"] < chance)
     if held and held["verdict"] == "worse":
         return "Contradicted by the runs that you held out: they are predicted worse with it"
     if held and held["verdict"] != "better":
@@ -146,105 +140,86 @@ def _certainty(report: Document, step: Document) -> str:
 def _is_disputed(report: Document, name: str) -> bool:
     """Whether runs differ so much that the intervals of an effect of the library contain nothing at all."""
     values, known = report["improved"]["parameters"], candidates.effects().get(name, {"parameters": []})
-    own = [
-        (values.get("%s.%s" % (name, p["name"])), p["neutral"]) for p in known["parameters"] if not p["shape"]
-    ]
-    found = [(p, neutral) for p, neutral in own if p]
-    inside = [words.interval(p)[0] <= neutral <= words.interval(p)[1] for p, neutral in found]
-    return bool(found) and all(inside) and any("runs" in p for p, _ in found)
+    neutral = {"%s.%s" % (name, p["name"]): p["neutral"] for p in known["parameters"] if not p["shape"]}
+    found = [(values[key], value) for key, value in neutral.items() if key in values]
+    inside = [low <= value <= high for p, value in found for low, high in [words.interval(p)]]
+    return all(inside) and any("runs" in p for p, _ in found)
 
 
 def _rest(report: Document) -> str:
     """What is missing beside the effects found; empty if nothing is."""
-    kind, found = report["verdict"], report["improved"]["effects"]
+    kind, matters, ceiling = report["verdict"], _rest_matters(report), report["ceiling"]
     explained = report["improved"]["error"]["heldout"] < EXPLAINED * (report["noise_floor"] or 0.0)
-    if kind == "complete" and explained and not _rest_matters(report):
-        small = [words.effect(report, one["effect"]) for one in report["dropped"] if one["change"]]
-        acts = " A trace of %s can be seen, too small to matter." % listed(small) if small else ""
-        return "nothing - the model predicts these runs as well as the mocap can measure them." + acts
-    if kind == "complete" and _rest_matters(report):
+    depends = bool(ceiling["terms"]) and not report["agreement"].get("frequency")
+    if kind == "complete" and matters:
         return "nothing that these runs show - " + _left(report)
-    if kind == "complete":
+    if kind == "complete" and not explained:
         return (
             "nothing that these runs show - what the model leaves is a random disturbance, which nothing "
             "that was recorded predicts."
         )
+    if kind == "complete":
+        small = [words.effect(report, one["effect"]) for one in report["dropped"] if one["change"]]
+        acts = " A trace of %s can be seen, too small to matter." % listed(small) if small else ""
+        return "nothing - the model predicts these runs as well as the mocap can measure them." + acts
     if kind == "varies":
         told = "no effect, but %s." % listed([words.varying(found) for found in report["varies"]])
-        return told + (" " + capital(_left(report)) if _rest_matters(report) else "")
-    if kind == "missing":
-        return "" if explained else _more(report)
+        return told + (" " + capital(_left(report)) if matters else "")
     if kind == "undecided":
-        return "cannot be decided, because " + undecided(report)
+        return "cannot be decided, because " + _undecided(report, depends)
+    if kind == "missing" and depends and not explained:
+        told = "More may be missing that depends on %s; these runs cannot decide it."
+        return told % words.arguments(report)
+    if kind == "missing":
+        doubted = not explained and not report["agreement"]["holds"]
+        return "More may be missing: %s." % words.pattern(report) if doubted else ""
     unnamed = "that has no name in the library"
     if report.get("selection"):
         unnamed = "that is none of the effects that were tried (%s)" % report["selection"]
-    what = "%s %s and depends on %s%s." % (
-        "something else" if found else "an effect",
-        unnamed,
-        words.arguments(report),
-        ": " + report["ceiling"]["named_as"] if report["ceiling"]["named_as"] else "",
-    )
-    return what
+    what = "something else" if report["improved"]["effects"] else "an effect"
+    named = ": " + ceiling["named_as"] if ceiling["named_as"] else ""
+    return "%s %s and depends on %s%s." % (what, unnamed, words.arguments(report), named)
 
 
-def _more(report: Document) -> str:
-    """That more may be missing beside effects that were found; empty if nothing says so."""
-    if report["ceiling"]["terms"] and not report["agreement"].get("frequency"):
-        told = "More may be missing that depends on %s; these runs cannot decide it."
-        return told % words.arguments(report)
-    if not report["agreement"]["holds"]:
-        return "More may be missing: %s." % words.pattern(report)
-    return ""
-
-
-def undecided(report: Document) -> str:
-    """Why runs cannot decide whether something is missing."""
-    found = report["ceiling"]
+def _undecided(report: Document, depends: bool) -> str:
+    """Why runs cannot decide whether something is missing. depends: they show what it may depend on."""
     if number(report["noise_floor"]) == "-":
         return "the model's motion is not finite along whole runs, so that what noise leaves is not known."
     refuted = [dropped for dropped in report["dropped"] if dropped["change"] is None]
     if refuted:
-        return "%s fits these runs best, but %s." % (
-            words.effect(report, refuted[-1]["effect"]),
-            refuted[-1]["why"],
-        )
-    if found["terms"] and not report["agreement"].get("frequency"):
+        best = words.effect(report, refuted[-1]["effect"])
+        return "%s fits these runs best, but %s." % (best, refuted[-1]["why"])
+    if depends:
         return "what they show about %s does not predict the other runs." % words.arguments(report)
     if not report["agreement"]["holds"]:
         return words.pattern(report) + "."
-    return (
-        "a random disturbance explains what is left as well as an effect would (of up to %.0f%% of it)."
-        % (100 * found["bound"])
-    )
+    told = "a random disturbance explains what is left as well as an effect would (of up to %.0f%% of it)."
+    return told % float(100 * report["ceiling"]["bound"])
 
 
 def _next(report: Document, folder: str) -> str:
     """What to do next; commands stand on lines of their own."""
     kind, proposed = report["verdict"], report["next_experiment"]
+    nameless, open_still = kind in ("unexplained", "memory"), kind == "missing" and bool(_rest(report))
     if kind == "misread":
         anyway = "add --as-recorded" if folder else "give as_recorded=True"
         return "correct the mapping or the settings as stated above, or %s to diagnose anyway" % anyway
-    open_still = any(len(step["group"]) > 1 for step in report["steps"])
     flies = proposed and (proposed["launch"] if folder else proposed.get("call", proposed["launch"]))
-    if proposed and open_still:
+    if proposed and any(len(step["group"]) > 1 for step in report["steps"]):
         return "fly this to distinguish %s:\n%s" % (words.effects(report, proposed["separates"]), flies)
-    unnamed = kind in ("unexplained", "memory", "undecided") or (kind == "missing" and _rest(report))
-    if report.get("selection") and unnamed:
+    if report.get("selection") and (nameless or open_still or kind == "undecided"):
         whole = "ground.diagnose(%r, RECORDINGS)" % report["model"]
         if folder:
             model = shlex.quote(report["model"])
             whole = "rosrun ground identify diagnose BAGS --model %s -o whole_library" % model
         return "let all effects of the library be tried:\n" + whole
-    if kind in ("unexplained", "memory") and report["unexplained"]["proposal"]:
+    if nameless and report["unexplained"]["proposal"]:
         adds = "ground.add(diagnosis.improved, diagnosis.proposal, RECORDINGS)"
         if folder:
-            adds = "rosrun ground identify add %s BAGS --model %s -o proposed.yaml" % (
-                _in(folder, "proposal.yaml"),
-                _in(folder, "improved.yaml"),
-            )
+            files = _in(folder, "proposal.yaml"), _in(folder, "improved.yaml")
+            adds = "rosrun ground identify add %s BAGS --model %s -o proposed.yaml" % files
         return "the formula is an effect of its own; this adds it and fits its size:\n" + adds
-    if kind in ("unexplained", "memory"):
+    if nameless:
         return "record more runs over the same places with other commands, so that a formula can be found"
     swings = report["agreement"].get("frequency")
     if swings and (kind == "undecided" or (kind != "varies" and _rest_matters(report))):
@@ -253,30 +228,24 @@ def _next(report: Document, folder: str) -> str:
         return "record more and longer runs, over the same places, with other commands"
     if kind == "varies":
         return "find what changed between the runs (battery, trim, floor), or accept it as their spread"
-    if any(_doubted(step) for step in report["steps"]):
+    judged = [one for step in report["steps"] for one in step["judged"].values()]
+    if any(one is not None and one["verdict"] != "better" for one in judged):
         return "record more runs and diagnose all of them together, to confirm or refute it"
-    if kind == "missing" and _rest(report):
+    if open_still:
         return "record more and longer runs to see whether more is missing; the model is usable now"
     if kind in ("complete", "missing") and _rest_matters(report) and not _is_chance(report):
-        return _repeat(report, folder)
+        return _repeat(report, " (roslaunch: returns:=false)" if folder else "")
     if proposed:
         told = "nothing needed. These runs cannot show %s; this would:\n%s"
         return told % (words.effects(report, proposed["separates"][:1]), flies)
     return "nothing needed"
 
 
-def _repeat(report: Document, folder: str) -> str:
-    """The flights that tell whether what is left is chance."""
+def _repeat(report: Document, by: str) -> str:
+    """The flights that tell whether what is left is chance; by: how they are flown."""
     if report["agreement"].get("common"):
         return "fly the same commands more often, and diagnose all runs: what they share is not yet clear"
     return (
         "fly the same commands twice from the same start%s, and diagnose both runs with these: a random "
-        "push leaves different errors in the two, what is missing leaves the same"
-        % (" (roslaunch: returns:=false)" if folder else "")
+        "push leaves different errors in the two, what is missing leaves the same" % by
     )
-
-
-def _doubted(step: Document) -> bool:
-    """Whether data that were held out do not confirm an effect."""
-    held, fitted = step["judged"]["holdout"], step["judged"]["fitted"]
-    return any(one is not None and one["verdict"] != "better" for one in (held, fitted))

@@ -5,21 +5,22 @@ import os
 import re
 import shlex
 from dataclasses import dataclass
-from typing import Callable, Dict, Iterable, List, Optional, Sequence
+from typing import Callable, List, Optional, Sequence
 
 import numpy as np
 
 from ground.analysis import candidates, diagnosis
 from ground.analysis.effects import Effect, EffectLike
-from ground.analysis.verdict import MISREAD, Conclusion, conclude
+from ground.analysis.verdict import MISREAD, conclude
 from ground.data import bag_arguments, voltage
-from ground.data.measured import Recordings, held_out, measured
+from ground.data.measured import Measured, Recordings, held_out, measured
 from ground.diagnosing import answer, document
-from ground.diagnosing.drawn import IMPROVED, NOMINAL, Drawn
+from ground.diagnosing.drawn import REFITTED, Drawn
 from ground.diagnosing.next_experiment import IN_ROOM
-from ground.diagnosing.result import Diagnosis, Problem, prepare
+from ground.diagnosing.result import Diagnosis, prepare
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
 from ground.recordings import findings
+from ground.recordings.recording import Recording
 from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Array, Document
@@ -28,9 +29,6 @@ from ground.support.errors import GroundError, did_you_mean, warn
 from ground.support.headline import formatted
 from ground.support.progress import Progress, Work
 
-ON_REQUEST = ", ".join(candidates.on_request())
-WRITING = "writing the page"  # stage
-
 
 @dataclass(frozen=True)
 class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
@@ -38,7 +36,7 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
 
     only: Optional[Sequence[str]] = option(
         None,
-        "effects to try, of the library and of --effects (all but %s)" % ON_REQUEST,
+        "effects to try, of the library and of --effects (all but %s)" % ", ".join(candidates.on_request()),
         metavar="EFFECT",
         nargs="+",
     )
@@ -46,7 +44,7 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
     effects: Sequence[EffectLike] = option(
         (),
         "effects to try as well: your own, one in each FILE.yaml, as model files list them, or by name those "
-        "of the library that are not tried by default (%s)" % ON_REQUEST,
+        "of the library that are not tried by default (%s)" % ", ".join(candidates.on_request()),
         metavar="EFFECT",
         nargs="+",
     )
@@ -90,63 +88,7 @@ def diagnose(
     True
     """
     work, matters = Work.of(progress), _what_matters(options.matters)
-    problem = _problem(model, recordings, holdout, work, options)
-    room = problem.room()
-
-    def begun() -> diagnosis.Diagnosis:
-        """The model as it is, refitted."""
-        seen, given = problem.seen.data, problem.model.core
-        return diagnosis.Diagnosis(seen, given, problem.tried, work=work, matters=matters)
-
-    found, misread = begun(), problem.misread
-    if not misread:
-        found.grow()
-        if problem.is_turned and "heading_offset" not in found.model.effects:
-            # The search has not found what the commands show: what it found instead is not physics.
-            found, misread = begun(), True
-    held = problem.held.data
-    conclusion = conclude(found, held, misread)
-    name = problem.model.path or problem.model.name
-    chosen = [("only", options.only), ("all but", options.exclude)]
-    selection = "; ".join("%s %s" % (which, ", ".join(names)) for which, names in chosen if names)
-    report = document.begun(found, conclusion, name, held, problem.findings, selection)
-    for line in formatted(answer.known_first(report)):
-        told(line)
-    walls = room.core if room else None
-    report = document.completed(report, found, conclusion, walls)
-    return _result(problem, found, conclusion, report)
-
-
-def _what_matters(text: Optional[str]) -> Optional[Array]:
-    """The option `matters`, "2mm,0.5deg": a position [mm] and a heading [deg], (2,)."""
-    if text is None:
-        return None
-    found = re.fullmatch(r"\s*([\d.]+)\s*mm\s*,\s*([\d.]+)\s*deg\s*", text)
-    try:
-        values = [float(number) for number in found.groups()] if found else []
-    except ValueError:
-        values = []
-    if len(values) != 2 or not min(values) > 0:
-        raise GroundError("--matters: %r is no position and heading; write for example 2mm,0.5deg" % text)
-    return np.array(values)
-
-
-def _may_float(model: Model) -> bool:
-    """Whether a craft that has no lift fan may be a boat whose model does not say so."""
-    reversible = any(one["range"][0] < 0 and not one["is_angle"] for one in model.core.thrusters)
-    return reversible and not model.core.hull_length > 0
-
-
-def _problem(
-    model: ModelLike,
-    recordings: Recordings,
-    holdout: Recordings,
-    work: Work,
-    options: DiagnoseOptions,
-) -> Problem:
-    """Reads all that a diagnosis needs."""
-    given = Model.of(model)
-    own = [Effect.of(effect) for effect in options.effects]
+    given, own = Model.of(model), [Effect.of(effect) for effect in options.effects]
     tried = effects_to_try(given, options.only, options.exclude, own)
     room = None if options.room is None else Room.of(options.room)
     seen = measured(recordings, given, options, work)
@@ -156,13 +98,88 @@ def _problem(
     if not given.core.is_pair and not any((run.lift > 0).any() for run in seen.recordings):
         if not options.only:
             tried = [c for c in tried if c.name not in candidates.of_lift()]
-        if _may_float(given):
-            warn(
-                "%s has propellers that reverse, and no lift fan: if it floats, write 'hull: {length: "
-                "METRES}' under 'body' in its model, and effects of hulls are tried, too" % given.name
-            )
-    files = [effect.path for effect in own if effect.path]
-    return Problem(given, tried, seen, held, files, room, options.as_recorded)
+        _note_boat(given)
+    flown = _first_with("room", seen)
+    walls = room or (Room.of_recording(flown) if flown else None)
+    noted = [one.describe() for one in seen.findings + held.findings]
+
+    def begun() -> diagnosis.Diagnosis:
+        """The model as it is, refitted."""
+        return diagnosis.Diagnosis(seen.data, given.core, tried, work=work, matters=matters)
+
+    found = begun()
+    misread = not options.as_recorded and any(one["misread"] for one in noted)
+    if not misread:
+        found.grow()
+        is_turned = not options.as_recorded and any(one["kind"] == "offset" for one in noted)
+        if is_turned and "heading_offset" not in found.model.effects:
+            # The search has not found what the commands show: what it found instead is not physics.
+            found, misread = begun(), True
+    conclusion = conclude(found, held.data, misread)
+    chosen = [("only", options.only), ("all but", options.exclude)]
+    selection = "; ".join("%s %s" % (which, ", ".join(names)) for which, names in chosen if names)
+    report = document.begun(found, conclusion, given.path or given.name, held.data, noted, selection)
+    for line in formatted(answer.known_first(report)):
+        told(line)
+    report = document.completed(report, found, conclusion, walls.core if walls else None)
+    parameters = parameters_by_name(conclusion.after.parameters)
+    improved = given
+    if conclusion.verdict != MISREAD:
+        before, after = (
+            {of: report[kind]["error"][of] for of in ("fit", "heldout")} for kind in ("nominal", "improved")
+        )
+        improved = fitted_model(conclusion.improved, seen.recordings, before, after, parameters)
+    read = [run.path for run in seen.recordings + held.recordings]
+    read += [given.path, *(effect.path for effect in own)]
+    models = {REFITTED: conclusion.before.model}
+    if found.chosen:
+        models["improved"] = conclusion.improved
+    return Diagnosis(
+        verdict=conclusion.verdict,
+        effects=tuple(report["improved"]["effects"]),
+        improved=improved,
+        parameters=parameters,
+        error=tuple(conclusion.heldout),
+        noise_floor=conclusion.heldout_floor,
+        next_inputs=_next_inputs(report["next_experiment"], seen, room),
+        report=report,
+        drawn=Drawn(
+            runs=found.runs,
+            held=held.data,
+            models=models,
+            likeliest=found.nominal.model,
+            bands=conclusion.bands,
+            described=findings.describe(seen.runs + held.runs),
+            inputs=[path for path in read if path],
+        ),
+    )
+
+
+def _what_matters(text: Optional[str]) -> Optional[Array]:
+    """The option `matters`, "2mm,0.5deg": a position [mm] and a heading [deg], (2,)."""
+    if text is None:
+        return None
+    number = r"\s*(\d+\.?\d*|\.\d+)\s*"
+    found = re.fullmatch("%smm\\s*,%sdeg\\s*" % (number, number), text)
+    values = np.array(found.groups() if found else [0.0], float)
+    if not values.min() > 0:
+        raise GroundError("--matters: %r is no position and heading; write for example 2mm,0.5deg" % text)
+    return values
+
+
+def _note_boat(model: Model) -> None:
+    """Warns where a craft without a lift fan may be a boat whose model does not say so."""
+    reversible = any(one["range"][0] < 0 and not one["is_angle"] for one in model.core.thrusters)
+    if reversible and not model.core.hull_length > 0:
+        warn(
+            "%s has propellers that reverse, and no lift fan: if it floats, write 'hull: {length: METRES}' "
+            "under 'body' in its model, and effects of hulls are tried, too" % model.name
+        )
+
+
+def _first_with(file: str, seen: Measured) -> Optional[Recording]:
+    """The first run that has a file: its `room`, or the `truth`, the model of a simulated craft."""
+    return next((run for run in seen.recordings if file in run.files), None)
 
 
 def effects_to_try(
@@ -180,7 +197,11 @@ def effects_to_try(
     names = [c.name for c in own]
     library = [c for c in candidates.library(model.core, only or ()) if c.name not in names]
     by_default = [c.name for c in library] + names + list(model.effects)
-    _check_known([*(only or ()), *exclude], by_default)
+    known = list(dict.fromkeys([*by_default, *candidates.effects()]))
+    for name in [*(only or ()), *exclude]:
+        if name not in known:
+            hint = did_you_mean(name, known)
+            raise GroundError("there is no effect %s%s; there are %s" % (name, hint, ", ".join(known)))
     for effect, name in zip(given, names):
         if names.count(name) > 1:
             raise GroundError("%s: --effects has another effect %s" % (effect.path or name, name))
@@ -195,73 +216,22 @@ def effects_to_try(
     return chosen
 
 
-def _check_known(named: Iterable[str], by_default: List[str]) -> None:
-    known = by_default + [name for name in candidates.effects() if name not in by_default]
-    for name in named:
-        if name not in known:
-            hint = did_you_mean(name, known)
-            raise GroundError("there is no effect %s%s; there are %s" % (name, hint, ", ".join(known)))
-
-
-def _result(
-    problem: Problem,
-    found: diagnosis.Diagnosis,
-    conclusion: Conclusion,
-    report: Document,
-) -> Diagnosis:
-    parameters = parameters_by_name(conclusion.after.parameters)
-    return Diagnosis(
-        verdict=conclusion.verdict,
-        effects=tuple(report["improved"]["effects"]),
-        improved=problem.model
-        if conclusion.verdict == MISREAD
-        else fitted_model(
-            conclusion.improved,
-            problem.seen.recordings,
-            _errors(report["nominal"]["error"]),
-            _errors(report["improved"]["error"]),
-            parameters,
-        ),
-        parameters=parameters,
-        error=tuple(conclusion.heldout),
-        noise_floor=conclusion.heldout_floor,
-        next_inputs=_next_inputs(problem, report["next_experiment"]),
-        report=report,
-        drawn=_drawn(problem, found, conclusion),
-    )
-
-
-def _drawn(problem: Problem, found: diagnosis.Diagnosis, conclusion: Conclusion) -> Drawn:
-    """What the page draws."""
-    models = {NOMINAL: conclusion.before.model}
-    if found.chosen:
-        models[IMPROVED] = conclusion.improved
-    described = findings.describe(problem.seen.runs + problem.held.runs)
-    likeliest = found.nominal.model
-    return Drawn(
-        found.runs, problem.held.data, models, likeliest, conclusion.bands, described, problem.inputs
-    )
-
-
-def _errors(error: Document) -> Dict[str, float]:
-    """An error of a report, as model files keep it."""
-    return {kind: error[kind] for kind in ("fit", "heldout")}
-
-
-def _next_inputs(problem: Problem, proposed: Document) -> Optional[Array]:
+def _next_inputs(proposed: Document, seen: Measured, room: Optional[Room]) -> Optional[Array]:
     """Takes the inputs out of the proposal, and adds the room to its command line. Where the craft was a
     simulated one, the simulator flies it."""
     if not proposed:
         return None
-    file, truth = problem.room_file(), problem.truth()
-    room = shlex.quote(os.path.abspath(file)) if file else ""
-    if truth is None:
-        proposed["launch"] += " room:=" + room if room else ""
+    in_room, simulated = _first_with("room", seen), _first_with("truth", seen)
+    file = room.path if room else str(in_room.files["room"].place()) if in_room else ""
+    at = shlex.quote(os.path.abspath(file)) if file else ""
+    if simulated is None:
+        proposed["launch"] += " room:=" + at if at else ""
     else:
-        options = "%s --duration %g" % (proposed["arguments"], IN_ROOM) + (" --room " + room if room else "")
+        truth, arguments = shlex.quote(simulated.files["truth"].place()), proposed["arguments"]
+        options = "%s --duration %g" % (arguments, IN_ROOM) + (" --room " + at if at else "")
         program = "rosrun ground identify simulate --model %s %s -o next.bag"
-        lift = proposed["arguments"].partition("--lift ")[2] or "1"
-        proposed["launch"] = program % (shlex.quote(truth), options)
+        proposed["launch"] = program % (truth, options)
+        lift = arguments.partition("--lift ")[2] or "1"
         proposed["call"] = "ground.simulate(CRAFT, inputs=diagnosis.next_inputs, lift=%s)" % lift
     return np.array(proposed.pop("rows"), float)
 
@@ -298,7 +268,7 @@ def run(arguments: argparse.Namespace) -> Document:
     for line in formatted(answer.known_last(found.report, arguments.output)):
         say(line)
     command_line.say_details(arguments, found.details())
-    with arguments.work.stage(WRITING):
+    with arguments.work.stage(result_folder.WRITING):
         found.save(arguments.output, arguments.force)
     command_line.write_mat(arguments, found)
     return found.to_dict()

@@ -1,23 +1,19 @@
 """What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
 import dataclasses
-from typing import Iterable, List, Optional, Sequence
+from typing import Any, Iterable, List, Mapping, Optional, Sequence
 
 from ground import _core
 from ground.analysis import bands, candidates, excerpts, horizon, indistinguishable, stages
-from ground.analysis.ceiling import Share
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
-from ground.analysis.verdict import MISREAD, Conclusion
+from ground.analysis.likelihood import Fit
+from ground.analysis.verdict import MISREAD, NAMELESS, Conclusion
 from ground.diagnosing import next_experiment
 from ground.support.annotations import Document
 
 SCHEMA = "ground/diagnosis/1"
-# What a held-out error is of: parts of the runs fitted to, each by a fit to the others, or runs that the
-# user held out.
-CROSSED, HOLDOUT = "cross-validation", "holdout"
 MAX_JUDGED = 3  # best effects whose errors are in the report, beside those found
-MAX_PLANNED_RUNS = 6  # runs that the next experiment is planned with
 
 
 def begun(
@@ -31,9 +27,9 @@ def begun(
     """The part of the report that the verdict needs, of a Diagnosis and its Conclusion; heldout: the runs
     that it was judged on; findings: mistakes that the recordings look like; selection: which effects
     of the library were tried, "only wind"; empty: all."""
-    before = conclusion.before
+    before, tried = conclusion.before, len(diagnosis.candidates)
     names = [run.name for run in diagnosis.runs]
-    by = HOLDOUT if heldout else CROSSED
+    by = "holdout" if heldout else "cross-validation"
     sensed = [run.name for run in diagnosis.runs if run.inertial is not None]
     return {
         "schema": SCHEMA,
@@ -74,16 +70,14 @@ def begun(
                 "added": step.added,
                 "error": _error(step.fit.error.sum(), error, by),
                 "group": list(step.group),
-                **_chances(step.p_value, len(diagnosis.candidates)),
+                **_chances(step.p_value, tried),
                 "judged": dataclasses.asdict(conclusion.judgements[step.added]),
             }
             for step, error in zip(diagnosis.steps, conclusion.steps[1:])
         ],
         "dropped": [
             {
-                **_tried(dropped.trial),
-                "why": dropped.why,
-                **_chances(dropped.trial.p_value, len(diagnosis.candidates)),
+                **_tried(dropped.trial, tried, why=dropped.why),
                 "change": dropped.change and dataclasses.asdict(dropped.change),
             }
             for dropped in diagnosis.dropped
@@ -108,21 +102,18 @@ def completed(
     with diagnosis.work.stage(stages.ERRORS):
         alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
         described, banded = _candidates(diagnosis, alike), bands.coverage(conclusion.bands)
-    proposed = _next_experiment(diagnosis, alike, room)
-    left: Document = {"where": [], "proposal": None}
-    if conclusion.verdict in ("unexplained", "memory", "undecided"):
-        left = _unexplained(conclusion)
     return {
         **report,
         "candidates": described,
         "bands": banded,
-        "next_experiment": proposed,
-        "unexplained": left,
+        "next_experiment": _next_experiment(diagnosis, alike, room),
+        "unexplained": _unexplained(conclusion),
     }
 
 
-def _error(fit: Optional[float], heldout: Optional[float], by: str = CROSSED) -> Document:
-    """Errors on the runs fitted to and on those held out."""
+def _error(fit: Optional[float], heldout: Optional[float], by: str = "cross-validation") -> Document:
+    """Errors on the runs fitted to and on those held out: parts of these, each by a fit to the others, or,
+    by "holdout", runs of the user."""
     return {"fit": fit and float(fit), "heldout": heldout and float(heldout), "by": by}
 
 
@@ -139,18 +130,19 @@ def _parameters(parameters: Iterable[Document], prefix: str = "") -> Document:
     }
 
 
-def _share(share: Share) -> Document:
-    return {"share": share.value, "ci95": [share.low, share.high]}
-
-
 def _left(conclusion: Conclusion) -> Document:
     """What the improved model leaves: shares of the squared error, and whether the rest is a random push."""
     left, agrees = conclusion.ceiling, conclusion.agreement
     return {
         "ceiling": {
-            "named": _share(left.named),
-            "learnable": _share(left.learnable),
-            "chance": _share(left.chance),
+            **{
+                name: {"share": share.value, "ci95": [share.low, share.high]}
+                for name, share in (
+                    ("named", left.named),
+                    ("learnable", left.learnable),
+                    ("chance", left.chance),
+                )
+            },
             "bound": left.bound,
             "said": left.said,
             "arguments": left.arguments,
@@ -180,15 +172,16 @@ def renewed(report: Document) -> Document:
     return report
 
 
-def _tried(trial: Trial) -> Document:
-    """An effect with its parameters."""
-    return {"effect": trial.name, "parameters": _parameters(trial.parameters, trial.name + ".")}
+def _tried(trial: Trial, count: int, **more: Any) -> Document:
+    """An effect with its parameters, more, and its chances among some that were tried."""
+    parameters = _parameters(trial.parameters, trial.name + ".")
+    return {"effect": trial.name, "parameters": parameters, **more, **_chances(trial.p_value, count)}
 
 
 def _candidates(diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlike]) -> List[Document]:
     """The effects, each tried with the refitted nominal model, best first."""
     tried, chosen = diagnosis.tried, {c.name for c in diagnosis.chosen}
-    judged = {t.name for i, t in enumerate(tried) if i < MAX_JUDGED} | chosen
+    judged = {t.name for t in tried[:MAX_JUDGED]} | chosen
     taken_over = {a.name: list(a.moved) for a in alike}
     groups = {step.added: list(step.group) for step in diagnosis.steps}
     first = [t.name for t in tried if t.equal]
@@ -198,9 +191,7 @@ def _candidates(diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlik
         group = groups.get(trial.name, [trial.name]) + taken_over.get(trial.name, [])
         described.append(
             {
-                **_tried(trial),
-                "rank": rank,
-                **_chances(trial.p_value, len(diagnosis.candidates)),
+                **_tried(trial, len(diagnosis.candidates), rank=rank),
                 "delta_bic": float(trial.delta_bic),
                 "error": _error(fit.error.sum(), fit.heldout.sum()) if fit else _error(None, None),
                 "selected": trial.name in chosen,
@@ -218,22 +209,16 @@ def _next_experiment(
 ) -> Optional[Document]:
     """The experiment that would distinguish the effects of the first group. Without a group, the
     experiment that would show an effect which these runs cannot; None if there is none."""
-    each, runs = diagnosis.each, list(diagnosis.runs)
-    if len(runs) > MAX_PLANNED_RUNS:
-        runs = [runs[i * len(runs) // MAX_PLANNED_RUNS] for i in range(MAX_PLANNED_RUNS)]
+
+    def propose(rivals: Mapping[str, Fit]) -> Optional[Document]:
+        return next_experiment.propose(rivals, diagnosis.runs, diagnosis.each, room, diagnosis.work)
+
     for step in diagnosis.steps:
-        rivals = []
-        for name in step.group:
-            names = (diagnosis.names - {step.added}) | {name}
-            rivals.append(next_experiment.Rival(name, diagnosis.search.fits[names]))
-        if len(rivals) > 1:
-            return next_experiment.propose(rivals, runs, each, room, diagnosis.work)
+        if len(step.group) > 1:
+            rest = diagnosis.names - {step.added}
+            return propose({name: diagnosis.search.fits[rest | {name}] for name in step.group})
     for other in alike:
-        rivals = [
-            next_experiment.Rival(other.name, other.fit),
-            next_experiment.Rival("", diagnosis.fit),
-        ]
-        proposed = next_experiment.propose(rivals, runs, each, room, diagnosis.work)
+        proposed = propose({other.name: other.fit, "": diagnosis.fit})
         if proposed:
             proposed["separates"] = [other.name, *other.moved]
             return proposed
@@ -241,18 +226,19 @@ def _next_experiment(
 
 
 def _unexplained(conclusion: Conclusion) -> Document:
-    """What the error depends on, and an effect that would lower it on held-out runs."""
-    proposal, formula, judged = None, conclusion.formula, conclusion.judged
-    if formula and judged:
-        error = _error(judged.error.sum(), judged.heldout.sum())
-        proposal = dict(formula.entry, means=formula.means, error=error)
-    return {
-        "where": [{"variable": name, "share": share} for name, share in conclusion.ceiling.arguments.items()],
-        "proposal": proposal,
-    }
+    """What the error depends on, and an effect that would lower it on held-out runs, where something has no
+    name."""
+    found: Document = {"where": [], "proposal": None}
+    if conclusion.verdict in NAMELESS:
+        formula, judged, shares = conclusion.formula, conclusion.judged, conclusion.ceiling.arguments
+        found["where"] = [{"variable": name, "share": share} for name, share in shares.items()]
+        if formula and judged:
+            error = _error(judged.error.sum(), judged.heldout.sum())
+            found["proposal"] = dict(formula.entry, means=formula.means, error=error)
+    return found
 
 
-def effect_entry(proposal: Document) -> Document:
-    """A proposal as model files list effects."""
-    keys = ("name", "states", "expression", "frame", "parameters")
-    return {key: proposal[key] for key in keys if key in proposal}
+def proposed_effect(report: Document) -> Optional[Document]:
+    """The formula that a report proposes, as model files list effects; None without one."""
+    proposal = report["unexplained"]["proposal"]
+    return proposal and {key: value for key, value in proposal.items() if key not in ("means", "error")}

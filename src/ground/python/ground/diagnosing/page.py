@@ -9,12 +9,15 @@ from ground.reports import appearance, figures, page, studies
 from ground.reports.words import number, off
 from ground.support.annotations import Document
 
+MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
+
 
 def write(path: str, report: Document, found: Drawn, force: bool = False) -> None:
-    """Writes the page of a diagnosis. report: as ground.diagnosing.document gives it. At most
-    drawn.MAX_DRAWN runs are drawn."""
-    drawn, described = found.chosen, found.described
-    inspected = found.inspected(drawn)
+    """Writes the page of a diagnosis. report: as ground.diagnosing.document gives it."""
+    described, count = found.described, len(found.described)
+    most = min(MAX_DRAWN, count)
+    drawn = [i * count // most for i in range(most)]
+    inspected, banded = found.inspected(drawn), {id(one.run): one for one in found.bands}
     tested = "cross-validated: each run (or quarter of a single one), by a fit to the others"
     if words.is_held_out(report):
         tested = "held out: " + ", ".join(report["runs"]["heldout"])
@@ -32,8 +35,8 @@ def write(path: str, report: Document, found: Drawn, force: bool = False) -> Non
         words=words,
         predictions=predictions(report),
         drawn=len(inspected),
-        count=len(described),
-        runs=studies.shown(inspected, [described[i] for i in drawn], found.banded),
+        count=count,
+        runs=studies.shown(inspected, [described[i] for i in drawn], banded),
         candidates=_candidates(report),
         chosen=[i for i, c in enumerate(report["candidates"]) if c["selected"]],
         parameters=_parameters(report),
@@ -49,14 +52,15 @@ def predictions(report: Document) -> Optional[Document]:
     found, effects = report["prediction"], report["improved"]["effects"]
     if found is None:
         return None
-    shown = [(name, name) for name in ("given", "refitted", "improved") if effects or name != "refitted"]
-    shown[-1] = ("improved", "improved" if effects else "refitted")
+    shown = [("given", "given"), ("improved", "refitted")]
+    if effects:
+        shown[1:] = [("refitted", "refitted"), ("improved", "improved")]
     if "formula" in found["errors"]:
         shown.append(("formula", "with the formula for what is left"))
-    last, seconds = off(found["errors"][shown[-1][0]]), found["seconds"]
-    before, floor = off(found["errors"][shown[-2][0]]), off(found["mocap"])
+    before, last = (off(found["errors"][name]) for name, _ in shown[-2:])
     title = "After %.3g s predictions are off by %s, by %s before; the mocap alone leaves %s"
-    return figures.predictions(found, shown, title % (seconds, last, before, floor))
+    told = found["seconds"], last, before, off(found["mocap"])
+    return figures.predictions(found, shown, title % told)
 
 
 def _candidates(report: Document) -> List[List[Any]]:

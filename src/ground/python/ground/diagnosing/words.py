@@ -4,7 +4,8 @@ import math
 from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
 
 from ground.analysis.formula_words import WORDS, quantity, with_interval
-from ground.recordings import suspicions
+from ground.analysis.residuals import UNITS
+from ground.recordings.recording import POSE
 from ground.reports.words import capital, listed, number, off
 from ground.support.annotations import Document
 
@@ -25,25 +26,9 @@ def effects(report: Document, names: Sequence[str]) -> str:
     return listed([effect(report, name) for name in names])
 
 
-def steps(report: Document) -> List[Tuple[str, float]]:
-    """The steps of a diagnosis and the error after each, as error_name says: a list of pairs."""
-    found = [("refitted as it is", report["nominal"]["error"]["heldout"])]
-    return found + [("+ " + effect(report, s["added"]), s["error"]["heldout"]) for s in report["steps"]]
-
-
 def is_held_out(report: Document) -> bool:
     """Whether the user held out runs."""
     return bool(report["runs"]["heldout"] != report["runs"]["fit"])
-
-
-def error_name(report: Document) -> str:
-    """What the errors of a diagnosis are measured on."""
-    return "error on held-out runs" if is_held_out(report) else "cross-validated error"
-
-
-def findings(report: Document) -> List[str]:
-    """Mistakes that the recordings look like, each with its evidence and the option that mends it."""
-    return ["%s: %s" % (", ".join(f["runs"]), suspicions.sentence(f)) for f in report["findings"]]
 
 
 def varying(found: Document) -> str:
@@ -65,29 +50,27 @@ def interval(p: Document) -> Tuple[float, float]:
     return -math.inf if low is None else low, math.inf if high is None else high
 
 
-def parameters(values: Mapping[str, Document]) -> Iterator[str]:
+def parameters(values: Mapping[str, Document]) -> List[str]:
     """A line for each parameter of an effect."""
-    for name, p in values.items():
-        yield parameter(name, p)
+    return [parameter(name, p) for name, p in values.items()]
 
 
 def risen(report: Document) -> Iterator[str]:
     """What data that were held out say about effects that they do not confirm."""
+    told = (
+        "With %s, the log-likelihood of the runs %s changes by %+.1f (standard error %.1f), "
+        "and the squared error of their predicted poses by %+.1f%% (%.1f%%)."
+    )
     for step in report["steps"]:
         for which, found in (("that you held out", "holdout"), ("fitted to, part by part", "fitted")):
             one = step["judged"][found]
             if one and one["verdict"] != "better":
-                parts = [100 * one[name] for name in ("rise", "rise_error") if one[name] is not None]
-                values = [one["gain"], one["gain_error"], *(parts if len(parts) == 2 else (None, None))]
-                yield (
-                    "With %s, the log-likelihood of the runs %s changes by %+.1f (standard error %.1f), "
-                    "and the squared error of their predicted poses by %+.1f%% (%.1f%%)."
-                    % (
-                        effect(report, step["added"]),
-                        which,
-                        *(math.nan if value is None else value for value in values),
-                    )
+                gains, rises = (
+                    [math.nan if one[key] is None else one[key] for key in (name, name + "_error")]
+                    for name in ("gain", "rise")
                 )
+                whole = [math.nan if math.isnan(sum(rises)) else 100 * rise for rise in rises]
+                yield told % (effect(report, step["added"]), which, *gains, *whole)
 
 
 def apart(report: Document) -> Iterator[str]:
@@ -101,20 +84,15 @@ def apart(report: Document) -> Iterator[str]:
         others = effects(report, [name for name in step["group"] if name != step["added"]])
         if others:
             yield "These runs cannot distinguish %s from %s." % (effect(report, step["added"]), others)
-    if report["next_experiment"]:
-        yield experiment(report)
-
-
-def experiment(report: Document) -> str:
-    """The next experiment, and how well it works."""
     proposed = report["next_experiment"]
-    return "The next experiment: %s%s. One such run in %s separates %s by %.1f standard deviations." % (
-        proposed["input"],
-        ", %d runs" % proposed["repeat"] if proposed["repeat"] > 1 else "",
-        "the room %s" % proposed["room"] if proposed["room"] else "a room of 4 x 4 m",
-        effects(report, proposed["separates"]),
-        proposed["expected_disagreement"],
-    )
+    if proposed:
+        yield "The next experiment: %s%s. One such run in %s separates %s by %.1f standard deviations." % (
+            proposed["input"],
+            ", %d runs" % proposed["repeat"] if proposed["repeat"] > 1 else "",
+            "the room %s" % proposed["room"] if proposed["room"] else "a room of 4 x 4 m",
+            effects(report, proposed["separates"]),
+            proposed["expected_disagreement"],
+        )
 
 
 def arguments(report: Document) -> str:
@@ -140,11 +118,12 @@ def _percent(share: float) -> str:
 def ceiling(report: Document) -> str:
     """How much of the error is named, how much could be learned, and how much is chance."""
     found, agrees, named = report["ceiling"], report["agreement"], bool(report["improved"]["effects"])
-    parts = ["the effects found explain %s" % _part(found["named"])] * named
-    parts += [
-        "what could still be learned %s" % _part(found["learnable"]),
-        "chance %s" % _part(found["chance"]),
-    ]
+    kinds = {
+        "named": "the effects found explain",
+        "learnable": "what could still be learned",
+        "chance": "chance",
+    }
+    parts = ["%s %s" % (told, _part(found[kind])) for kind, told in kinds.items() if named or kind != "named"]
     text = "Of the squared error on the runs that the model was fitted to, %s" % listed(parts)
     text += "; what could be learned depends on %s." % arguments(report) if found["said"] else "."
     if not agrees["holds"] and number(report["noise_floor"]) != "-":
@@ -155,20 +134,11 @@ def ceiling(report: Document) -> str:
     return text
 
 
-def crossed(report: Document) -> str:
-    """Cross-validated error beside that on runs that the user held out."""
-    return (
-        "The cross-validated error of the runs fitted to, each by a fit to the others, is %s without further "
-        "effects and %s with those found."
-        % tuple(number(report[kind]["cross_validated"]) for kind in ("nominal", "improved"))
-    )
-
-
 def bands(report: Document) -> Iterator[str]:
     """Coverage of the prediction bands of the improved model."""
-    shares: Dict[float, List[float]] = {}  # of x, y and heading, by horizon [s]
+    shares: Dict[float, List[float]] = {}  # by horizon [s]
     for band in report["bands"]:
-        if band["channel"] in ("x", "y", "psi"):
+        if band["channel"] in POSE:
             shares.setdefault(band["horizon"], []).append(band["coverage"])
     if shares:
         yield "The model's 90%% prediction bands contain %s of the held-out poses." % ", ".join(
@@ -183,8 +153,10 @@ def left(report: Document) -> Iterator[str]:
     for found in report["dropped"]:
         name, why = capital(effect(report, found["effect"])), found["why"]
         if found["change"]:
-            why += ": after %(seconds).2g s it moves the predicted pose by " % found["change"]
-            why += off(found["change"])
+            why += ": after %.2g s it moves the predicted pose by %s" % (
+                found["change"]["seconds"],
+                off(found["change"]),
+            )
         yield "%s was not added: %s." % (name, why)
     error = report["agreement"]["error"]
     if error["expected"] ** 2 - (error["noise"] or 0.0) ** 2 < MIN_SHARE * error["measured"] ** 2:
@@ -193,7 +165,7 @@ def left(report: Document) -> Iterator[str]:
     pushes = [
         "%s (correlation time %.2g s) in %s"
         % (quantity(levels["sigma_" + c], unit, 2), levels["time_" + c], where)
-        for c, unit, where in (("X", "N", "surge"), ("Y", "N", "sway"), ("N", "N m", "yaw"))
+        for (c, unit), where in zip(UNITS.items(), ("surge", "sway", "yaw"))
     ]
     yield "A random disturbance also acts: %s (standard deviations)." % listed(pushes)
     if levels["sigma_room"] > MIN_ROOM * max(levels["sigma_X"], levels["sigma_Y"]):
@@ -209,31 +181,25 @@ def unexplained(report: Document) -> Iterator[str]:
     if proposal:
         values = ["%s = %.4g %s" % (n, p["value"], p["unit"]) for n, p in proposal["parameters"].items()]
         terms = ["%s = %s" % item for item in proposal["expression"].items()]
+        means, error = capital(proposal.get("means", "a term")), proposal["error"]["heldout"]
         yield (
             "%s would lower the cross-validated error to %.3f (%s with %s). It is an effect that can be "
-            "added, in proposal.yaml."
-            % (
-                capital(proposal.get("means", "a term")),
-                proposal["error"]["heldout"],
-                "; ".join(terms),
-                ", ".join(values),
-            )
+            "added, in proposal.yaml." % (means, error, "; ".join(terms), ", ".join(values))
         )
 
 
 def extent(report: Document) -> Iterator[str]:
     """How much of the data was used, if not all."""
-    span, count = report.get("seconds"), report["windows"]  # reports of release 1.0.0 have no seconds
-    if span and span["used"] < span["available"]:
-        yield "Effects were looked for in %.0f of %.0f s, in which the craft moves most." % (
-            span["used"],
-            span["available"],
-        )
-    if count["used"] < count["available"]:
-        yield "Errors are of %d of %d windows, spread evenly over the runs." % (
-            count["used"],
-            count["available"],
-        )
+    for key, told in (
+        (
+            "seconds",
+            "Effects were looked for in %(used).0f of %(available).0f s, in which the craft moves most.",
+        ),
+        ("windows", "Errors are of %(used)d of %(available)d windows, spread evenly over the runs."),
+    ):
+        part = report.get(key)  # reports of release 1.0.0 have no seconds
+        if part and part["used"] < part["available"]:
+            yield told % part
 
 
 def common(report: Document) -> str:
@@ -256,20 +222,15 @@ def pattern(report: Document) -> str:
     return "what is left acts at some times or places only, as a draught, a cable or a bad patch of floor do"
 
 
-def sensors(report: Document) -> Iterator[str]:
-    """Whether the craft's own sensors count."""
-    sensed, fitted = report["runs"].get("inertial", []), report["runs"]["fit"]
-    if sensed:
-        which = "" if len(sensed) == len(fitted) else " of " + listed(sensed)
-        yield "The likelihood also takes the craft's gyro and accelerometer%s." % which
-
-
 def evidence(report: Document) -> Iterator[str]:
     """The lines of --details."""
     if report["verdict"] == "misread":
         return
     yield ceiling(report)
-    yield from sensors(report)
+    sensed = report["runs"].get("inertial", [])
+    if sensed:
+        which = "" if len(sensed) == len(report["runs"]["fit"]) else " of " + listed(sensed)
+        yield "The likelihood also takes the craft's gyro and accelerometer%s." % which
     yield from bands(report)
     yield ""
     form = "%4s %9s %9s %9s  %s"
@@ -281,10 +242,17 @@ def evidence(report: Document) -> Iterator[str]:
         values = "; ".join(parameters(c["parameters"]))
         numbers = "%.1g" % c["p_corrected"], "%.0f" % c["delta_bic"], number(c["error"]["heldout"])
         yield form % (c["rank"], *numbers, "%s: %s" % (name, values))
-    for i, (what, error) in enumerate(steps(report)):
-        yield "%-23s %5.3f %s" % ("" if i else error_name(report) + ":", error, what)
+    held = is_held_out(report)
+    name = "error on held-out runs:" if held else "cross-validated error:"
+    yield "%-23s %5.3f refitted as it is" % (name, report["nominal"]["error"]["heldout"])
+    for step in report["steps"]:
+        yield "%23s %5.3f + %s" % ("", step["error"]["heldout"], effect(report, step["added"]))
     yield "%29s noise of the poses alone" % number(report["noise_floor"])
-    if is_held_out(report):
-        yield crossed(report)
+    if held:
+        yield (
+            "The cross-validated error of the runs fitted to, each by a fit to the others, is %s without "
+            "further effects and %s with those found."
+            % tuple(number(report[kind]["cross_validated"]) for kind in ("nominal", "improved"))
+        )
     for lines in (risen, extent, left, apart, unexplained):
         yield from lines(report)

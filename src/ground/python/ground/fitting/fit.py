@@ -259,8 +259,8 @@ def _result(
         error=errors,
         prediction=prediction,
         thesis_objective=ThesisObjective(
-            comparison.mean_thesis_objective(seen.data, given.core),
-            comparison.mean_thesis_objective(seen.data, core),
+            comparison.thesis_objective(seen.data, given.core),
+            comparison.thesis_objective(seen.data, core),
         ),
         objective=result["objective"],
         starts={"tried": starts, "at_best": result["starts_at_best"]},

@@ -28,7 +28,7 @@ from ground.support.results import distinct_labels
 from ground.support.workers import Workers
 
 LOOKING, FITTING = "looking at runs", "fitting each run"
-TOGETHER, WRITING = "all runs together", "writing the page"
+TOGETHER = "all runs together"
 Folders = Union[Path, Iterable[Path]]
 
 
@@ -229,7 +229,7 @@ def run(arguments: argparse.Namespace) -> Document:
             options=command_line.options(arguments, HistoryOptions),
             progress=arguments.work,
         )
-    with arguments.work.stage(WRITING):
+    with arguments.work.stage(result_folder.WRITING):
         place = found.save(arguments.output, arguments.force)
     command_line.say_result(arguments, found, place)
     return found.to_dict()

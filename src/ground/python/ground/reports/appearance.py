@@ -5,6 +5,7 @@ from typing import List, Tuple
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench
+from ground.recordings.recording import unit
 from ground.reports.words import number, off
 from ground.support.annotations import Document
 
@@ -30,10 +31,10 @@ VERDICTS = {  # of a diagnosis or a discovery
 DASHES = ["solid", "dash", "dot", "dashdot"]
 MARKS = ["circle", "square", "diamond", "triangle-up"]
 CHANNEL_NAMES = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
-CHANNELS = [(c, name, comparison.UNITS[c]) for c, name in CHANNEL_NAMES.items()]
+CHANNELS = [(c, name, unit(c)) for c, name in CHANNEL_NAMES.items()]
 WRENCH = list(missing_wrench.CHANNEL_NAMES.items())
 NUMBERS = ["model", "runs", "error [-]", "prediction error [-]", "(3.4), 4 s [-]"]  # columns of numbers_row
-NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after"]
+NUMBERS += ["fit %s [%%]" % c for c in CHANNEL_NAMES] + ["off after"]
 
 
 def model_color(index: int) -> str:
@@ -79,7 +80,7 @@ def numbers_row(label: str, role: str, numbers: Document) -> List[str]:
     """Cells under NUMBERS, of comparison.numbers of a model on runs of a role."""
     cells = [label, role.replace("_", " "), number(numbers["error"])]
     cells += [number(numbers[n]) for n in ("prediction_error", "thesis_objective")]
-    cells += ["%.0f" % numbers["fit_percent"][c] for c in comparison.CHANNELS]
+    cells += ["%.0f" % numbers["fit_percent"][c] for c in CHANNEL_NAMES]
     return cells + [off_after(numbers)]
 
 

@@ -150,9 +150,8 @@ def _add_motion(
 def _add_bands(figure: Panels, bands: bands_of.Bands, step: int, shade: str) -> None:
     """Adds bands with the horizon of a window to the rows of u, v, r."""
     tiles = [fewer(tile, step) for tile in bands.tiled(bands.unit)]
-    for row, (channel, _, _) in enumerate(CHANNELS if tiles else ()):
-        at = bands_of.CHANNELS.index(channel)
-        outlines = [outline(times, low[:, at], high[:, at]) for times, low, high in tiles]
+    for row in range(len(CHANNELS) if tiles else 0):
+        outlines = [outline(times, low[:, 3 + row], high[:, 3 + row]) for times, low, high in tiles]
         x, y = (np.concatenate(parts) for parts in zip(*outlines))
         figure.add(area(x, y, "%.0f%% band" % (100 * bands_of.PART), shade, 0.2, row == 0), row + 1, 1)
 
@@ -211,7 +210,7 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
         shared="x",
         titles=["with %s, earlier" % name for name in columns.values()],
     )
-    for row, channel in enumerate(residuals.CHANNELS, 1):
+    for row, channel in enumerate(studies[0]["residuals"]["channels"], 1):
         for col, kind in enumerate(columns, 1):
             entries = [s["residuals"]["channels"][channel][kind] for s in studies]
             for count, (study, entry) in enumerate(zip(studies, entries)):

@@ -11,6 +11,8 @@ from ground.support import files
 from ground.support.annotations import Document, Path
 from ground.support.errors import GroundError, reason, sentence
 
+WRITING = "writing the page"  # stage
+
 
 def prepare(folder: str, paths: Iterable[str], force: bool) -> None:
     """Makes a folder. GroundError when it cannot, or when one of the files in it cannot be written, as

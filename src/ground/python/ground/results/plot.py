@@ -21,7 +21,7 @@ from ground.discovery.discover import Discovery
 from ground.fitting.result import Fit
 from ground.ledger import figures as history_figures
 from ground.ledger.result import History
-from ground.recordings.recording import Recording
+from ground.recordings.recording import VELOCITY, Recording
 from ground.reports import figures, run_figures, tracking_figures, wrench_figures
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
@@ -119,7 +119,7 @@ def _of_prediction(result: Prediction) -> Makers:
     def motion() -> Document:
         study = _study(result.run, result.model.core, result.model.label, result)
         sizes = np.abs(result.residuals[:, 3:]).mean(axis=0) / np.array(result.run.nu).std(axis=0)
-        study["numbers"] = {"error": sizes.sum(), "error_by_channel": dict(zip(comparison.CHANNELS, sizes))}
+        study["numbers"] = {"error": sizes.sum(), "error_by_channel": dict(zip(VELOCITY, sizes))}
         if result.low is not None and result.high is not None:
             at = np.flatnonzero(np.diff(result.start)) + 1
             ends = {"low": np.split(result.low, at), "high": np.split(result.high, at)}
