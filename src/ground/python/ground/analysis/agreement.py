@@ -235,7 +235,7 @@ def _pairs(runs: Sequence[_core.RunData]) -> List[Pair]:
     begins, found = [_driven(run)[0] for run in runs], []
     for i, j in itertools.combinations(range(len(runs)), 2):
         pair = (i, j, begins[j] - begins[i])
-        given = [residuals.held(runs[k], at)[:, :-1] for k, at in _together(runs, pair)]
+        given = [residuals.held(runs[k], at) for k, at in _together(runs, pair)]
         a, b = ((one - one.sum(axis=0) / max(1, len(one))).ravel() for one in given)
         if float(a @ b) > ALIKE * max(float(a @ a), float(b @ b), 1e-300):
             found.append(pair)

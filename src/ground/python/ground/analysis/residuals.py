@@ -41,12 +41,8 @@ def analyse(
     valid = np.arange(len(run.times)) - starts[stretch] >= SETTLING
     x, y, heading = np.array(left["whitened"])[:, :3].T
     c, s = np.cos(left["states"][:, 2]), np.sin(left["states"][:, 2])
-    times, inputs = np.array(run.times), np.array(run.inputs)
-    given = np.vstack([np.zeros(inputs.shape[1] - 2), inputs[:, 1:-1]])  # zero before the first
-    lags = windows.time_scale([run]) * INPUT_LAGS
-    pushed = [
-        model.forces(given[np.searchsorted(inputs[:, 0], times - lag, side="right")]) for lag in (0.0, *lags)
-    ]
+    times, lags = np.array(run.times), windows.time_scale([run]) * INPUT_LAGS
+    pushed = [model.forces(held(run, times - lag)) for lag in (0.0, *lags)]
     channels: Document = {}
     for channel, values in (("ahead", c * x + s * y), ("starboard", c * y - s * x), ("heading", heading)):
         values = np.where(valid, values, np.nan)
@@ -99,6 +95,13 @@ def levels(point: _core.GreyBoxPoint, run: _core.RunData, kind: str) -> Document
     entries += [("position", found["position"] * run.noise[0], "m")]
     entries += [("heading", found["heading"] * run.noise[2], "rad")]
     return {name: {"value": float(value), "unit": unit} for name, value, unit in entries}
+
+
+def held(run: _core.RunData, times: Array) -> Array:
+    """Inputs of the thrusters that hold at `times`, (n, thrusters); zero before the first."""
+    inputs = np.array(run.inputs)
+    given = np.vstack([np.zeros(inputs.shape[1] - 2), inputs[:, 1:-1]])
+    return given[np.searchsorted(inputs[:, 0], times, side="right")]
 
 
 def _autocorrelation(values: Array, stretch: Indices, step: float) -> Document:
