@@ -13,7 +13,7 @@ from typing import List, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis.thinning import thinned
+from ground.analysis.thinning import at_samples, thinned
 from ground.support.annotations import Array
 
 COST = 60_000  # steps times channels that a search may simulate
@@ -52,10 +52,4 @@ def _parts(run: _core.RunData, share: float, usual: Array) -> _core.RunData:
         return run
     motion = ((np.array(run.nu) / np.maximum(usual, 1e-300)) ** 2).sum(axis=1)
     moved = np.bincount(number, motion)[:count]
-    at = np.isin(number, np.argsort(-moved, kind="stable")[:wanted])
-
-    def part(values: Array) -> Array:
-        return np.asarray(np.array(values)[at])
-
-    poses = part(run.poses) if len(run.poses) else None
-    return run.replaced(times=times[at], eta=part(run.eta), nu=part(run.nu), poses=poses)
+    return at_samples(run, np.isin(number, np.argsort(-moved, kind="stable")[:wanted]))

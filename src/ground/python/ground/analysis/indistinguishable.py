@@ -1,11 +1,12 @@
 """Effects that the runs cannot show, because other parameters of the model can do the same."""
 
 from dataclasses import dataclass
-from typing import FrozenSet, Iterable, List, Optional, Tuple
+from typing import FrozenSet, Optional, Tuple
 
-from ground import _core
+import numpy as np
+
 from ground.analysis.likelihood import Fit
-from ground.analysis.score_tests import UNSEEN, stepped
+from ground.analysis.score_tests import stepped
 from ground.analysis.search import Search
 from ground.support.errors import GroundError
 
@@ -20,14 +21,7 @@ class LookAlike:
 
     name: str  # the effect's
     fit: Fit  # the grown model with the effect at some size, all else refitted
-    moved: Tuple[str, ...]  # parameters that changed to make room for the effect
-
-
-def names(search: Search, chosen: FrozenSet[str], known: Iterable[str]) -> List[str]:
-    """Effects, except the known ones, that to first order equal a change of the parameters of the
-    model with the chosen effects."""
-    tests = search.test_beside(chosen)
-    return [n for n in tests.columns if n not in known and tests.seen(n) < UNSEEN]
+    moved: Tuple[str, ...]  # free parameters that changed to make room for the effect, most first
 
 
 def look_alike(search: Search, chosen: FrozenSet[str], name: str) -> Optional[LookAlike]:
@@ -43,15 +37,8 @@ def look_alike(search: Search, chosen: FrozenSet[str], name: str) -> Optional[Lo
         except GroundError:
             continue
         if found.log_posterior > fit.log_posterior - MAX_LOSS:
-            return LookAlike(name, found, _moved(fit, found.model))
+            values = np.array([[model.value(n) for n in fit.free] for model in (fit.model, found.model)])
+            ways = np.abs(np.diff(values, axis=0)[0]) / np.maximum(np.abs(values).max(axis=0), 1e-300)
+            order = np.argsort(-ways, kind="stable")
+            return LookAlike(name, found, tuple(fit.free[i] for i in order if ways[i] > MIN_CHANGE))
     return None
-
-
-def _moved(fit: Fit, model: _core.Model) -> Tuple[str, ...]:
-    """Which of a fit's free parameters differ in another model, most first."""
-
-    def way(name: str) -> float:
-        a, b = fit.model.value(name), model.value(name)
-        return abs(a - b) / max(abs(a), abs(b)) if a != b else 0.0
-
-    return tuple(sorted((n for n in fit.free if way(n) > MIN_CHANGE), key=lambda n: -way(n)))

@@ -8,7 +8,6 @@ from typing import Iterator, List
 
 from ground.analysis import candidates
 from ground.analysis.diagnosis import EXPLAINED
-from ground.analysis.verdict import SIMULATION
 from ground.diagnosing import words
 from ground.reports.words import capital, direction, listed, number, off, prediction
 from ground.support.annotations import Document
@@ -73,7 +72,7 @@ def _answers(report: Document) -> Iterator[str]:
         return
     for step in report["steps"]:
         yield _effect(report, step)
-    by_simulation = report["improved"].get("by") == SIMULATION  # not in reports of release 1.0.0
+    by_simulation = report["improved"].get("by") == "simulation"  # not in reports of release 1.0.0
     rest = _rest(report)
     if rest:
         yield rest

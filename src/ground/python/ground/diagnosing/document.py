@@ -4,7 +4,7 @@ import dataclasses
 from typing import Iterable, List, Optional, Sequence
 
 from ground import _core
-from ground.analysis import bands, candidates, excerpts, horizon, indistinguishable, stages
+from ground.analysis import bands, candidates, excerpts, horizon, indistinguishable
 from ground.analysis.ceiling import Share
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
@@ -55,14 +55,14 @@ def begun(
         **({"selection": selection} if selection else {}),
         "nominal": {
             "parameters": _parameters(before.parameters),
-            "error": _error(before.error, before.heldout, by),
+            "error": _error(before.error.sum(), conclusion.heldout[0], by),
             "cross_validated": float(diagnosis.nominal.heldout.sum()),
             "by": before.by,
         },
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
             "parameters": _parameters(conclusion.after.parameters),
-            "error": _error(conclusion.after.error, conclusion.heldout[-1], by),
+            "error": _error(conclusion.after.error.sum(), conclusion.after.heldout.sum(), by),
             "cross_validated": conclusion.cross_validated,
             "by": conclusion.after.by,
         },
@@ -75,9 +75,13 @@ def begun(
                 "error": _error(step.fit.error.sum(), error, by),
                 "group": list(step.group),
                 **_chances(step.p_value, len(diagnosis.candidates)),
-                "judged": dataclasses.asdict(conclusion.judgements[step.added]),
+                "judged": {
+                    "fitted": dataclasses.asdict(step.confirmed),
+                    "holdout": held and dataclasses.asdict(held),
+                },
             }
             for step, error in zip(diagnosis.steps, conclusion.steps[1:])
+            for held in [conclusion.holdout[step.added]]
         ],
         "dropped": [
             {
@@ -105,7 +109,7 @@ def completed(
     The errors of low-ranked effects are None. room: the _core.RoomPlan in which the next experiment has to
     stay (4 x 4 m).
     """
-    with diagnosis.work.stage(stages.ERRORS):
+    with diagnosis.work.stage("errors of the best effects"):
         alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
         described, banded = _candidates(diagnosis, alike), bands.coverage(conclusion.bands)
     proposed = _next_experiment(diagnosis, alike, room)
