@@ -20,8 +20,6 @@ from ground.analysis.search import LEVEL
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
-OUTSIDE = 0.025  # probability on each side of an interval
-STEPS = 4  # of Newton
 WEAK = 1e-6  # information that keeps what a run does not tell at the common value, over that of all runs
 TOLD = 0.01  # largest variance of a parameter that a run tells, over that by the weak information alone
 
@@ -59,8 +57,8 @@ def _told(own: Sequence[Tuple[Array, Array]], j: int) -> Tuple[Array, Array]:
 
 def _newton(alone: Likelihood, fit: Fit, scores: Dict[str, Array], weak: Array) -> List[Tuple[Array, Array]]:
     """Coordinates of a run's own values relative to those of a fit, and their variances, infinite where the
-    run does not tell a parameter, after each Newton step. alone: of the run; scores: at the common values;
-    weak: information added to that of the run."""
+    run does not tell a parameter, after each of four Newton steps. alone: of the run; scores: at the common
+    values; weak: information added to that of the run."""
     scale, at, found = scores["scale"], np.zeros(len(weak)), []
     while True:
         covariance = solve(scores["information"] + weak, np.eye(len(weak)))
@@ -68,7 +66,7 @@ def _newton(alone: Likelihood, fit: Fit, scores: Dict[str, Array], weak: Array) 
         variances = np.maximum(np.diag(covariance), 0)
         is_told = variances * np.diag(weak) < TOLD
         found.append((scale * at, np.where(is_told, scale**2 * variances, np.inf)))
-        if len(found) == STEPS or not np.isfinite(at).all():
+        if len(found) == 4 or not np.isfinite(at).all():
             return found
         model = stepped(fit.model, dict(zip(fit.free, (scale * at).tolist())))
         try:
@@ -90,7 +88,7 @@ def mean_of(steps: Array, variances: Array) -> Tuple[float, float, float]:
     between = _between(steps, variances)
     weights = 1 / (variances + between)
     freedom = max(1.0, weights.sum() ** 2 / (weights @ weights) - 1) if between else np.inf
-    half = student_limit(OUTSIDE, freedom) / np.sqrt(weights.sum())
+    half = student_limit(0.025, freedom) / np.sqrt(weights.sum())
     return float(weights @ steps / weights.sum()), float(half), between
 
 

@@ -18,17 +18,17 @@ from ground.analysis import (
     excerpts,
     folds,
     horizon,
-    indistinguishable,
     naming,
     run_differences,
     window_error,
 )
 from ground.analysis.candidates import Candidate
+from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.evidence import Dropped
 from ground.analysis.judge import Comparison, Tested, compared
 from ground.analysis.likelihood import Fit, Kind, Likelihood
 from ground.analysis.score_tests import UNSEEN
-from ground.analysis.search import EXCLUSION, Search
+from ground.analysis.search import LEVEL, LookAlike, Search
 from ground.analysis.simulation_search import SimulationSearch
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
@@ -314,7 +314,7 @@ class Diagnosis:
         named = self.formula_of(found)
         if named is None:
             alone, best = self.formula_of(frozenset()), self.search.fits[found].log_posterior
-            if alone is None or 2 * (alone.fit.log_posterior - best) < EXCLUSION:
+            if alone is None or 2 * (alone.fit.log_posterior - best) < chi_squared_limit(LEVEL, 1):
                 return found
             for name in sorted(found):
                 why = "a formula without it is likelier (%s)" % alone.means
@@ -443,11 +443,10 @@ class Diagnosis:
 
     # Effects that these runs cannot show
 
-    def unseen(self) -> List[indistinguishable.LookAlike]:
+    def unseen(self) -> List[LookAlike]:
         """Effects that are neither in the grown model nor in a group, and that these runs could
-        not show: a list of indistinguishable.LookAlikes."""
-        search, names = self.search, self.names
-        found = self.each(lambda name: indistinguishable.look_alike(search, names, name), self.hidden_names())
+        not show."""
+        found = self.each(lambda name: self.search.look_alike(self.names, name), self.hidden_names())
         return [f for f in found if f]
 
     def hidden_names(self) -> List[str]:

@@ -17,7 +17,6 @@ from ground.analysis.thinning import at_samples, thinned
 from ground.support.annotations import Array
 
 COST = 60_000  # steps times channels that a search may simulate
-PART = 1.1  # length of a part [windows]
 
 
 def spread(runs: Sequence[_core.RunData]) -> List[_core.RunData]:
@@ -45,7 +44,8 @@ def _cost(run: _core.RunData) -> int:
 def _parts(run: _core.RunData, share: float, usual: Array) -> _core.RunData:
     """The parts of a run, about that share of it, in which velocities are the largest beside `usual` ones."""
     times = np.array(run.times)
-    number = ((times - times[0]) / (PART * run.scales.window)).astype(int)  # of the part that a pose is in
+    # the part that a pose is in: each is long enough for a window
+    number = ((times - times[0]) / (1.1 * run.scales.window)).astype(int)
     count = int(number[-1])  # the last one is shorter
     wanted = max(1, round(share * count))
     if wanted >= count:

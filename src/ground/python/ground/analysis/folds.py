@@ -16,7 +16,6 @@ from ground.support.annotations import Array, Document, Each
 from ground.support.errors import GroundError
 
 MOST_SAMPLES = 6000  # poses, thinned, in an excerpt of runs
-STRETCH = 10.0  # length of a stretch of a long run in it [time scales]
 
 
 @dataclass(frozen=True)
@@ -167,7 +166,7 @@ def excerpt(
     samples = sum(len(run.times) for run in likelihood.runs)
     if samples <= MOST_SAMPLES:
         return likelihood, fit, runs, cut
-    seconds = STRETCH * windows.time_scale(runs)
+    seconds = 10 * windows.time_scale(runs)  # of a stretch: long beside what the craft remembers
     stretches = [
         (i, begin)
         for i, run in enumerate(runs)

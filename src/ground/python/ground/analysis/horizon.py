@@ -16,12 +16,6 @@ from ground.support.errors import GroundError
 
 MIN_POSES = 10  # intervals between poses in the shortest horizon
 WARM_UP = 0.5  # time before a start that its initial velocities are fitted to [horizons]
-MIN_STARTS = 4  # in all runs
-DRAWS = 4  # artificial recordings of each run
-# A change of predicted poses matters from this multiple of the noise of a pose on: it can be seen without
-# statistics (Rose's criterion). More data make an effect more certain, not larger. For a palm-sized craft a
-# delay of 1.4 ms reaches it.
-MIN_CHANGE = 5.0
 
 ModelsAt = Callable[[Sequence[_core.Window]], Sequence[_core.Model]]  # a model for each of some windows
 
@@ -33,12 +27,12 @@ def same(model: _core.Model) -> ModelsAt:
 
 def horizon(runs: Sequence[_core.RunData], model: _core.Model) -> float:
     """Time [s] in which full thrust moves a craft by some lengths or turns it round: 1 s for a
-    palm-sized hovercraft, 10 s for a free-flyer. Long enough for some poses, and short enough for some
-    starts in the runs. Diagnoses use that of the given model for all models."""
+    palm-sized hovercraft, 10 s for a free-flyer. Long enough for some poses, and short enough for a start in
+    each part that may be held out. Diagnoses use that of the given model for all models."""
     least = MIN_POSES * float(np.median(np.concatenate([np.diff(np.array(run.times)) for run in runs])))
     seconds = _core.time_scale(model)
     while seconds > least:
-        if sum(len(_starts_in(run, i, seconds)) for i, run in enumerate(runs)) >= MIN_STARTS:
+        if sum(len(_starts_in(run, i, seconds)) for i, run in enumerate(runs)) >= window_error.PARTS:
             return seconds
         seconds = _core.rounded_time(0.45 * seconds)
     return least
@@ -232,10 +226,10 @@ def artificial_errors(
     model: _core.Model,
     levels: Optional[Mapping[str, float]],
 ) -> Array:
-    """pose_errors of a model on recordings of runs that it made, with noise and a disturbance of some
-    levels."""
+    """pose_errors of a model on four recordings of each run that it made, with noise and a disturbance of
+    some levels."""
     errors = []
-    for seed in range(DRAWS):
+    for seed in range(4):
         made = []
         for i, run in enumerate(runs):
             random = np.random.default_rng((seed, i))
@@ -280,9 +274,10 @@ def pose_noise(runs: Sequence[_core.RunData]) -> Array:
 
 
 def what_matters(runs: Sequence[_core.RunData]) -> Array:
-    """Least change of predicted position [mm] and heading [deg] that matters, (2,), if nobody says so:
-    MIN_CHANGE of the noise."""
-    return MIN_CHANGE * pose_noise(runs)
+    """Least change of predicted position [mm] and heading [deg] that matters, (2,), if nobody says so: five
+    times the noise of a pose, which can be seen without statistics (Rose's criterion). More data make an
+    effect more certain, not larger. For a palm-sized craft a delay of 1.4 ms reaches it."""
+    return 5 * pose_noise(runs)
 
 
 def apart(a: Array, b: Array) -> Array:

@@ -144,6 +144,7 @@ class Likelihood:
         )
         at = found["point"]
         own = {field.name: found[field.name] for field in fields(Fit) if field.name in found}
+        own["scale"] = np.array(own["scale"])
         return Fit(at.model, at.levels, tuple(at.log_scales), tuple(free), **own)
 
     def intervals(self, fit: Fit) -> List[Document]:

@@ -7,6 +7,7 @@ number of effects.
 """
 
 import itertools
+from dataclasses import dataclass
 from typing import Callable, Dict, FrozenSet, List, Mapping, Optional, Sequence, Set, Tuple
 
 import numpy as np
@@ -31,11 +32,18 @@ MIN_GAIN = 3.0  # expected gain per parameter that a refit needs
 WALD_MARGIN = 10.0
 RIVALS = 3  # effects that are tried in the place of a chosen one
 MIN_RIVAL_GAIN = 0.4  # least expected gain of a rival, relative to the chosen effect's
-# Log-likelihood ratio from which a rival is excluded: if it were true, so large a one would have this level.
-EXCLUSION = chi_squared_limit(LEVEL, 1)
-STEPS = (1.0, 0.3, 0.1)  # parts of the score test's step that refits start from
-SIZES = (0.5, 0.2, -0.2)  # start values of an effect that score tests cannot see, over its typical size
 COARSE = 0.2  # least gain (LEAST_GAIN) of fits of which the best is continued
+MAX_LOSS = 0.1  # loss of log-likelihood up to which two models do the same
+MIN_CHANGE = 0.05  # relative change of a parameter that has made room for an effect
+
+
+@dataclass(frozen=True)
+class LookAlike:
+    """An effect that on the runs does only what other parameters can do."""
+
+    name: str  # the effect's
+    fit: Fit  # the grown model with the effect at some size, all else refitted
+    moved: Tuple[str, ...]  # free parameters that changed to make room for the effect, most first
 
 
 class Search:
@@ -226,12 +234,32 @@ class Search:
         return found
 
     def rivals(self, current: FrozenSet[str], name: str) -> List[str]:
-        """Effects that the data cannot distinguish from one of a set, the best first."""
+        """Effects that the data cannot distinguish from one of a set, the best first: were they true, so
+        large a log-likelihood ratio would not be rare."""
         by_rival = {}
         for other in self._swaps(current, name):
             (rival,) = other - current
             by_rival[rival] = self.value(current) - self.value(other)
-        return [n for n in sorted(by_rival, key=by_rival.__getitem__) if by_rival[n] < EXCLUSION]
+        return [
+            n for n in sorted(by_rival, key=by_rival.__getitem__) if by_rival[n] < chi_squared_limit(LEVEL, 1)
+        ]
+
+    def look_alike(self, current: FrozenSet[str], name: str) -> Optional[LookAlike]:
+        """Adds an effect of typical size, or a part of it, to the model with the effects of a set, and
+        refits all else: a LookAlike if the likelihood stays the same, else None."""
+        fit, tests = self.fits[current], self.test_beside(current)
+        neutral, steps = self.candidates[name].neutral(fit.model), tests.in_place(name, 1.0)
+        for part in (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1):
+            try:
+                found = self.likelihood.fit(stepped(neutral, steps, part), fit.free, fit, levels=False)
+            except GroundError:
+                continue
+            if found.log_posterior > fit.log_posterior - MAX_LOSS:
+                values = np.array([[model.value(n) for n in fit.free] for model in (fit.model, found.model)])
+                ways = np.abs(np.diff(values, axis=0)[0]) / np.maximum(np.abs(values).max(axis=0), 1e-300)
+                order = np.argsort(-ways, kind="stable")
+                return LookAlike(name, found, tuple(fit.free[i] for i in order if ways[i] > MIN_CHANGE))
+        return None
 
     # Single fits
 
@@ -245,12 +273,12 @@ class Search:
         _, step = tests.test(added)
         # where the test sees no more than what the fitted parameters do as well, all parts are the same
         is_seen = step and not any(tests.hidden(name) for name in added)
-        for part in STEPS if is_seen else STEPS[:1]:
+        for part in (1.0, 0.3, 0.1) if is_seen else (1.0,):
             found += self._from_start(stepped(model, step, part), base, COARSE)
             if found and found[-1].log_posterior > base.log_posterior + 1:
                 break
         for name in added:
-            for part in SIZES if tests.hidden(name) else ():
+            for part in (0.5, 0.2, -0.2) if tests.hidden(name) else ():  # of its typical size
                 found += self._from_start(stepped(model, tests.in_place(name, part)), base, COARSE)
             if self._has_far_starts(name, base):
                 found += self._from_start(self._far_start(name, base, added), None, COARSE)

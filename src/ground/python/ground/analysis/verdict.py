@@ -19,7 +19,6 @@ from ground.recordings import windows
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
-LENGTHENED = 3  # formulas, each longer than the one before
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 SAID = ("unexplained", "memory")  # verdicts on what runs show to be there and has no name
 # Largest share of the error that a smooth function of one kind may have beside `complete`
@@ -81,30 +80,23 @@ class HeldOut:
         self.starts = horizon.Starts.of(runs, found.prediction_time)
         self.likelihood = Likelihood(runs, found.given, found.likelihood.varying)
 
-    def error(self, fit: Fit) -> Array:
-        """Error (3,) of a Fit; differences between runs are estimated from the poses before each window."""
-        each = window_error.calibrated_errors(self.runs, self.cut, self.likelihood, fit)
-        return window_error.mean(self.cut, each)
-
-    def error_of(self, one: Judged) -> Array:
-        """Error (3,) of a model fitted by likelihood or by simulation error."""
-        if one.fit:
-            return self.error(one.fit)
+    def error(self, model: _core.Model, fit: Optional[Fit] = None) -> Array:
+        """Error (3,) of a model. fit: by likelihood, whose differences between runs are then estimated from
+        the poses before each window."""
+        if fit:
+            each = window_error.calibrated_errors(self.runs, self.cut, self.likelihood, fit)
+            return window_error.mean(self.cut, each)
         try:
-            return window_error.channel_errors(self.runs, self.cut, one.model)
+            return window_error.channel_errors(self.runs, self.cut, model)
         except GroundError:  # the motion is not finite
             return np.full(3, np.inf)
 
-    def tested_of(self, one: Judged) -> judge.Tested:
-        """What a model predicts that was fitted by likelihood or by simulation error."""
-        if one.fit:
-            return self.tested(one.fit)
-        errors = self.starts.errors(self.runs, [one.model] * len(self.starts.windows))
+    def tested(self, model: _core.Model, fit: Optional[Fit] = None) -> judge.Tested:
+        """What a model predicts; fit: see error."""
+        if fit:
+            return folds.tested(self.runs, self.starts, self.likelihood, fit)
+        errors = self.starts.errors(self.runs, [model] * len(self.starts.windows))
         return judge.Tested(errors, self.starts.of_run)
-
-    def tested(self, fit: Fit) -> judge.Tested:
-        """What a Fit predicts, and its log-likelihood."""
-        return folds.tested(self.runs, self.starts, self.likelihood, fit)
 
 
 def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: bool = False) -> Conclusion:
@@ -163,8 +155,8 @@ def _conclude(
     crossed = float(after.heldout.sum())
     by_user = HeldOut(found, heldout) if heldout else None
     if by_user:
-        before = replace(before, heldout=by_user.error_of(before))
-        after = replace(after, heldout=by_user.error_of(after))
+        before = replace(before, heldout=by_user.error(before.model, before.fit))
+        after = replace(after, heldout=by_user.error(after.model, after.fit))
     return Conclusion(
         verdict,
         before,
@@ -237,7 +229,7 @@ def _prediction(
     errors = {"given": PoseError.of(starts.errors(runs, [found.given] * len(starts.windows)))}
     for name, one in (("refitted", before), ("improved", after), ("formula", named)):
         if one:
-            errors[name] = (by_user.tested_of(one) if by_user else one.tested).error
+            errors[name] = (by_user.tested(one.model, one.fit) if by_user else one.tested).error
     return horizon.with_floors(runs, starts, errors, found.model, found.fit.levels)
 
 
@@ -246,8 +238,8 @@ def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
     if others is None:
         return [float(judged.heldout.sum()) for judged in (found.nominal, *(s.fit for s in found.steps))]
     names = [step.added for step in found.steps]
-    sets = [frozenset(names[:i]) for i in range(len(names) + 1)]
-    return [float(others.error(found.search.fits[some]).sum()) for some in sets]
+    fits = [found.search.fits[frozenset(names[:i])] for i in range(len(names) + 1)]
+    return [float(others.error(fit.model, fit).sum()) for fit in fits]
 
 
 def _holdout(
@@ -257,13 +249,13 @@ def _holdout(
     effects where the best refit without any predicts them better."""
     if not others or not found.steps:
         return {step.added: None for step in found.steps}
-    whole = found.compared(others.tested_of(after), others.tested_of(before))
-    return {
-        step.added: whole
-        if whole.is_worse
-        else found.compared(others.tested(found.fit), others.tested(step.rest))
-        for step in found.steps
-    }
+    without, grown = (others.tested(one.model, one.fit) for one in (before, after))
+    whole = found.compared(grown, without)
+    if whole.is_worse:
+        return {step.added: whole for step in found.steps}
+    grown = others.tested(found.model, found.fit)
+    rests = {step.added: others.tested(step.rest.model, step.rest) for step in found.steps}
+    return {name: found.compared(grown, rest) for name, rest in rests.items()}
 
 
 def _varies(found: Diagnosis) -> List[Document]:
@@ -290,10 +282,10 @@ def _is_confirmed(found: Diagnosis, named: Judged) -> bool:
 def _name(
     found: Diagnosis, before: Judged, doubted: Optional[Ceiling] = None
 ) -> Tuple[Optional[naming.Formula], Optional[Judged]]:
-    """A formula for what is learnable, and the model with it. It is made longer while the judge proves it and
-    the noise leaves less; None unless it is proved. before: the best refit without effects, against which it
-    must not be vetoed; doubted: a Ceiling that does not say that something is left: the first formula has to
-    show it."""
+    """A formula for what is learnable, and the model with it; None unless it is proved. It is made longer,
+    twice at most, while the judge proves it and the noise leaves less. before: the best refit without
+    effects, against which it must not be vetoed; doubted: a Ceiling that does not say that something is left:
+    the first formula has to show it."""
     formula: Optional[naming.Formula] = None
     best: Optional[Judged] = None
 
@@ -302,7 +294,7 @@ def _name(
         return doubted is None or doubted.reached_by(made.fit.model).said
 
     at, made = (found.likelihood, found.fit), found.formula_of(found.names, shows)
-    for _ in range(LENGTHENED):
+    for _ in range(3):
         if made is None:
             break
         try:

@@ -244,7 +244,8 @@ def squared_errors(
     run and summed over the three. Each window is simulated from the initial velocity that suits best.
     known: a wrench (n, 3) for each run; scale: runs whose standard deviations count. Raises
     GroundError where the motion is not finite."""
-    wrenches: Sequence[Optional[Array]] = known or [None] * len(runs)
+    nothing: List[Optional[Array]] = [None] * len(runs)
+    wrenches = known or nothing
     sigma = [np.array(run.nu).std(axis=0) for run in scale or runs]
     return np.array([_squared_error(runs[w.run], w, model, wrenches[w.run], sigma[w.run]) for w in cut])
 

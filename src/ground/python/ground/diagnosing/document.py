@@ -4,10 +4,11 @@ import dataclasses
 from typing import Iterable, List, Optional, Sequence
 
 from ground import _core
-from ground.analysis import bands, candidates, excerpts, horizon, indistinguishable
+from ground.analysis import bands, candidates, excerpts, horizon
 from ground.analysis.ceiling import Share
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
+from ground.analysis.search import LookAlike
 from ground.analysis.verdict import MISREAD, Conclusion
 from ground.diagnosing import next_experiment
 from ground.support.annotations import Document
@@ -189,7 +190,7 @@ def _tried(trial: Trial) -> Document:
     return {"effect": trial.name, "parameters": _parameters(trial.parameters, trial.name + ".")}
 
 
-def _candidates(diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlike]) -> List[Document]:
+def _candidates(diagnosis: Diagnosis, alike: Sequence[LookAlike]) -> List[Document]:
     """The effects, each tried with the refitted nominal model, best first."""
     tried, chosen = diagnosis.tried, {c.name for c in diagnosis.chosen}
     judged = {t.name for i, t in enumerate(tried) if i < MAX_JUDGED} | chosen
@@ -217,7 +218,7 @@ def _candidates(diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlik
 
 def _next_experiment(
     diagnosis: Diagnosis,
-    alike: Sequence[indistinguishable.LookAlike],
+    alike: Sequence[LookAlike],
     room: Optional[_core.RoomPlan],
 ) -> Optional[Document]:
     """The experiment that would distinguish the effects of the first group. Without a group, the
