@@ -26,13 +26,10 @@ class Candidate:
             extended.set_value(parameter["name"], parameter["neutral"])
         return extended
 
-    def starts(self, model: _core.Model) -> Iterator[_core.Model]:
-        """The model with the effect, at each set of values that a fit should start from."""
+    def starts(self, model: _core.Model) -> List[_core.Model]:
+        """The model with the effect, at each set of values that a fit should start from; see turned."""
         neutral, given = self.neutral(model), self.add(model)
-        names = [p["name"] for p in parameters_of(neutral, self.name)]
-        yield from turned(neutral, names)
-        if values(given) != values(neutral):
-            yield given
+        return [neutral] if values(given) == values(neutral) else [neutral, given]
 
 
 def of_library(name: str) -> Candidate:

@@ -247,22 +247,18 @@ class Diagnosis:
         """The set without effects that held-out data refute or that do not matter."""
         while found:
             self.judge(found)
-            self.search.without_each(found, sorted(found))
-            objections = [(name, self._objection(found, name)) for name in sorted(found)]
-            refused = [(name, why) for name, why in objections if why]
-            if not refused:
+            objections: Dict[str, str] = {}
+            for name, rest in zip(sorted(found), self.search.without_each(found, sorted(found))):
+                why, fits = self._refuted(found, rest), self.search.fits
+                # on long runs the likelihood detects a millisecond of network latency as a delay
+                if why or not self.matter(fits[rest].model, fits[found].model):
+                    objections[name] = why or SLIGHT
+                self.work.step()
+            if not objections:
                 return found
-            name, why = min(refused, key=lambda r: self.search.ratio(found, found - {r[0]}))
-            found = self._leave_out(found, name, why)
+            name = min(objections, key=lambda name: self.search.ratio(found, found - {name}))
+            found = self._leave_out(found, name, objections[name])
         return found
-
-    def _objection(self, found: FrozenSet[str], name: str) -> Optional[str]:
-        """Reason to leave an effect out of a set; None without one."""
-        rest = self.search.without(found, name)
-        why, fits = self._refuted(found, rest), self.search.fits
-        self.work.step()
-        # on long runs the likelihood detects a millisecond of network latency as a delay
-        return why if why or self.matter(fits[rest].model, fits[found].model) else SLIGHT
 
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str], whole: bool = True) -> Optional[str]:
         """Reason why held-out data speak against a set and for a smaller one; None if they do not. Effects

@@ -54,7 +54,10 @@ class Folds:
     ) -> None:
         self.runs, self.whole, self.cut, self.at, self.each = runs, whole, cut, at, each
         # the whole's runs are thinned already; a quarter is thinned by itself
-        parts = list(whole.runs) if len(runs) > 1 else quarters(runs[0])
+        parts = list(whole.runs)
+        if len(runs) == 1:
+            edges = np.linspace(0, len(runs[0].times), window_error.PARTS + 1).astype(int)
+            parts = [at_samples(runs[0], slice(a, b)) for a, b in zip(edges[:-1], edges[1:])]
         self.count = min(window_error.PARTS, len(parts))
 
         def likelihood(chosen: Sequence[_core.RunData]) -> Likelihood:
@@ -148,12 +151,6 @@ def tested(runs: Sequence[_core.RunData], at: Starts, likelihood: Likelihood, fi
     """A Fit on runs that it was not fitted to, as it is; likelihood: of these runs; at: their Starts."""
     models = window_error.calibrated_models(runs, at.windows, likelihood, fit)
     return Tested(at.errors(runs, models), at.of_run, tuple(_blocks_of(likelihood, fit)))
-
-
-def quarters(run: _core.RunData) -> List[_core.RunData]:
-    """A run split into stretches of time."""
-    edges = np.linspace(0, len(run.times), window_error.PARTS + 1).astype(int)
-    return [at_samples(run, slice(a, b)) for a, b in zip(edges[:-1], edges[1:])]
 
 
 def excerpt(

@@ -13,12 +13,11 @@ from typing import Callable, Dict, FrozenSet, List, Mapping, Optional, Sequence,
 import numpy as np
 
 from ground import _core
-from ground.analysis.candidates import Candidate, parameters_of
+from ground.analysis.candidates import Candidate, parameters_of, turned
 from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.likelihood import LEAST_GAIN, Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests, stepped
-from ground.analysis.window_error import FEW_WINDOWS, free_parameters
-from ground.recordings import windows
+from ground.analysis.window_error import FEW_WINDOWS, WindowFitter, free_parameters
 from ground.support.annotations import Each
 from ground.support.errors import GroundError
 from ground.support.progress import Work
@@ -310,7 +309,9 @@ class Search:
         disturbance than fits start with."""
         start = self.likelihood.box.start(self.likelihood.craft).levels
         is_far = any(base.levels[level] > start[level] for level in ("sigma_X", "sigma_Y"))
-        return is_far and len(list(self.candidates[name].starts(self.given))) > 1
+        first, *also = self.candidates[name].starts(self.given)
+        own = [p["name"] for p in parameters_of(first, name)]
+        return is_far and len([*turned(first, own), *also]) > 1
 
     def _far_start(self, name: str, base: Fit, added: Sequence[str]) -> _core.Model:
         """The model with an effect far from neutral from which a fit should start. The other parameters
@@ -318,15 +319,10 @@ class Search:
         begun = base.model if set(base.model.effects) & set(self.candidates) else self.given
         for other in added:
             begun = begun if other == name else self.candidates[other].neutral(begun)
-        chosen = windows.spread(windows.cut(self.likelihood.runs), FEW_WINDOWS)
-        problem = windows.problem(self.likelihood.runs, chosen)
-
-        def fitted(model: _core.Model) -> Tuple[float, _core.Model]:
-            """The error and the fit from a start; infinite where it cannot be simulated."""
-            try:
-                found = problem.fit(model, free_parameters(model), threads=1)
-            except (RuntimeError, ValueError):
-                return np.inf, model
-            return found["objective"], found["model"]
-
-        return min(map(fitted, self.candidates[name].starts(begun)), key=lambda pair: pair[0])[1]
+        first, *also = self.candidates[name].starts(begun)
+        fitter = WindowFitter(self.likelihood.runs, threads=1, most=FEW_WINDOWS)
+        try:
+            model: _core.Model = fitter.whole(first, free_parameters(first), also)["model"]
+            return model
+        except GroundError:  # it cannot be simulated from any start
+            return first
