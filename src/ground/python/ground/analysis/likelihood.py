@@ -52,7 +52,7 @@ class Fit:
     loudness: Tuple[float, ...]  # log of the factor by which each run's disturbance is stronger
     free: Tuple[str, ...]  # names of the free parameters
     log_posterior: float  # log-likelihood and the levels' prior
-    by_run: Sequence[float]  # log-likelihood of each run
+    by_run: Array  # (runs,) log-likelihood
     information: Array  # (free, free) Fisher information, of coordinates / scale
     scale: Array  # (free,) scale of the coordinates
     parameters: Sequence[Document]  # name, unit, value, ci95, deviation, at_bound, identified
@@ -144,7 +144,7 @@ class Likelihood:
         )
         at = found["point"]
         own = {field.name: found[field.name] for field in fields(Fit) if field.name in found}
-        own["scale"] = np.array(own["scale"])
+        own.update({name: np.array(found[name]) for name in ("by_run", "scale")})
         return Fit(at.model, at.levels, tuple(at.log_scales), tuple(free), **own)
 
     def intervals(self, fit: Fit) -> List[Document]:

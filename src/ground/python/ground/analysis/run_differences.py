@@ -61,5 +61,5 @@ def _chance_without(
     other = likelihood.fit(fit.model, fit.free, near=fit, held=held)
     if kind.time and other.levels[kind.time] > slowest:
         other = likelihood.fit(fit.model, fit.free, near=fit, held={**held, kind.time: slowest})
-    gain = 2 * (sum(fit.by_run) - sum(other.by_run))
+    gain = 2 * float(fit.by_run.sum() - other.by_run.sum())
     return 0.5 * chi_squared_above(gain, 1) if gain > 0 else 1.0

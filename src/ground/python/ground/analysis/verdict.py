@@ -20,7 +20,6 @@ from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
-SAID = ("unexplained", "memory")  # verdicts on what runs show to be there and has no name
 # Largest share of the error that a smooth function of one kind may have beside `complete`
 SMALL = 0.35
 
@@ -127,13 +126,14 @@ def _conclude(
     explained = found.explains(found.names)
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees)
     formula, named = None, None
-    if verdict in (*SAID, "undecided"):
+    has_no_name = verdict in ("unexplained", "memory")  # ... and runs show that it is there
+    if has_no_name or verdict == "undecided":
         formula, named = _name(found, before)
     elif verdict == "missing" and left.is_open:
         formula, named = _name(found, before, left)
     if named is not None:
         reached = left.reached_by(named.model)
-        if verdict in SAID or (reached.said and _is_confirmed(found, named)):
+        if has_no_name or (reached.said and _is_confirmed(found, named)):
             left = reached
             verdict = _verdict(found, explained, varies, left, agrees)
         elif verdict == "missing":
