@@ -131,8 +131,7 @@ class Folds:
 
 def judged_windows(found: window_error.WindowFit, tested: Tested, others: Sequence[Fit] = ()) -> Judged:
     """The Judged of a model that was fitted by simulation error."""
-    parameters = found.result["parameters"]
-    return Judged(found.model, parameters, found.error, found.heldout, tested, None, others)
+    return Judged(found.model, found.parameters, found.error, found.heldout, tested, None, others)
 
 
 def _blocks_of(likelihood: Likelihood, fit: Fit) -> List[Array]:

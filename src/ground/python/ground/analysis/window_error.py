@@ -1,7 +1,7 @@
 """The error of models over windows: fits to it, errors on held-out data, and what noise alone would leave."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -39,9 +39,10 @@ class WindowFit:
         return model
 
     @property
-    def parameters(self) -> Dict[str, Document]:
-        """The fitted parameters, by name."""
-        return {p["name"]: p for p in self.result["parameters"]}
+    def parameters(self) -> List[Document]:
+        """The fitted parameters: dictionaries as a likelihood's Fit has them."""
+        parameters: List[Document] = self.result["parameters"]
+        return parameters
 
 
 class WindowFitter:
