@@ -34,10 +34,10 @@ class ScoreTests:
         found = likelihood.scores(fit, extended, [*fit.free, *self.names])
         n, s = slice(0, len(fit.free)), slice(len(fit.free), None)
         self.nuisance, self.nuisance_scale, self.scale = fit.free, found["scale"][n], found["scale"][s]
-        A, score = found["information"], found["score"].sum(axis=0)
+        A, blocks = found["information"], found["score"]
         self.onto, self.raw = solve(A[n, n], A[n, s]), np.diag(A)[s]
         self.information = A[s, s] - A[s, n] @ self.onto
-        self.score = score[s] - score[n] @ self.onto
+        self.score = (blocks[:, s] - blocks[:, n] @ self.onto).sum(axis=0)
 
     def seen(self, name: str) -> float:
         """Share of the information that the fitted parameters cannot take over, of the effect's
