@@ -55,7 +55,7 @@ def _answer(found, conclusion):
         "first": [t.name for t in found.tried[:3]],
         "p_values": {t.name: t.p_value for t in found.tried},
         "errors": {
-            "fit": [conclusion.before.error, float(found.best.error.sum())],
+            "fit": [float(conclusion.before.error.sum()), float(found.best.error.sum())],
             "steps": [float(error) for error in conclusion.heldout],
         },
         "floor": float(conclusion.noise_floor),
@@ -88,7 +88,7 @@ def _ceiling(found, conclusion):
     if formula:
         tested = conclusion.tested
         kept = (
-            HeldOut(found, tested).error(formula.fit)
+            float(HeldOut(found, tested).error(formula.fit).sum())
             if tested
             else float(found.folds.judge(formula.fit).heldout.sum())
         )

@@ -30,7 +30,7 @@ def predicted(seed, sizes, count=40, alike=0.9, loudness=0.3):
 def verdicts(sizes, draws=600, **how):
     """Share of each verdict over draws of what two hypotheses predict."""
     found = [judge.compared(*predicted(seed, sizes, **how), MATTERS).verdict for seed in range(draws)]
-    return {name: found.count(name) / draws for name in (judge.BETTER, judge.UNDECIDED, judge.WORSE)}
+    return {name: found.count(name) / draws for name in ("better", "undecided", "worse")}
 
 
 @pytest.mark.parametrize("alike, loudness", [(0.9, 0.3), (0.0, 1.0)])

@@ -94,7 +94,7 @@ def test_differences_between_runs_are_distinguished_from_a_slow_disturbance(kind
     likelihood = Likelihood(fitted, model)
     fit = likelihood.fit(model, window_error.free_parameters(model))
     found = run_differences.differences(likelihood, fit)
-    assert [d.kind.parameter for d in found] == expected
+    assert [kind.parameter for kind in found] == expected
 
 
 @slow
@@ -149,13 +149,12 @@ def test_two_lags_have_to_earn_their_place_beside_one():
 
     from ground import _core
     from ground.analysis import candidates
-    from ground.analysis.refits import Fitting
     from ground.analysis.search import Search
 
     model = _core.load_model(str(ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"))
     by_name = {c.name: c for c in candidates.library(model)}
-    search = Search(Fitting(mock.Mock(), model, by_name))
+    search = Search(mock.Mock(), model, by_name)
     assert search.threshold("motor_rise_fall") == 2 * search.threshold("motor_lag")
     del by_name["motor_lag"]
-    alone = Search(Fitting(mock.Mock(), model, by_name))
+    alone = Search(mock.Mock(), model, by_name)
     assert alone.threshold("motor_rise_fall") == alone.threshold("wind")  # of two parameters

@@ -39,8 +39,7 @@ double strongest(const ThrusterLayout& layout) {
     double along = 0;
     for (int i = 0; i < layout.size(); ++i) {
       if (!layout.pushes(i) || !layout.pushes(j)) continue;
-      const double share =
-          layout.forward(i) * layout.forward(j) + layout.starboard(i) * layout.starboard(j);
+      const double share = layout.forward(i) * layout.forward(j) + layout.starboard(i) * layout.starboard(j);
       const Thruster& one = layout[i];
       along += one.gain * std::max(share * one.curve.at(one.most), share * one.curve.at(one.least));
     }

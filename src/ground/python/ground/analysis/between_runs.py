@@ -16,12 +16,10 @@ from scipy.optimize import brentq
 from ground.analysis.distributions import chi_squared_above, student_limit
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import moved, solve, stepped
+from ground.analysis.search import LEVEL
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
-LEVEL = 0.01  # probability that any parameter is said to differ although none does
-OUTSIDE = 0.025  # probability on each side of an interval
-STEPS = 4  # of Newton
 WEAK = 1e-6  # information that keeps what a run does not tell at the common value, over that of all runs
 TOLD = 0.01  # largest variance of a parameter that a run tells, over that by the weak information alone
 
@@ -31,19 +29,21 @@ def widened(likelihood: Likelihood, fit: Fit, parameters: Sequence[Document]) ->
     Those in which they differ have `runs`, the least and the largest of the runs' own values."""
     if len(likelihood.runs) < 2:
         return list(parameters)
+    alone = [Likelihood([run], likelihood.craft, threads=likelihood.threads) for run in likelihood.runs]
+    fits = [replace(fit, loudness=fit.loudness[i : i + 1]) for i in range(len(alone))]
     try:
-        scores = [likelihood.scores_of(fit, run) for run in range(len(likelihood.runs))]
+        scores = [on.scores(one, one.model, one.free) for on, one in zip(alone, fits)]
     except GroundError:  # the motion of a run is not finite there
         return list(parameters)
     weak = WEAK * np.diag(np.maximum(sum(np.diag(of_run["information"]) for of_run in scores), 1e-300))
-    first = [_own_of(likelihood, fit, i, at, weak, 1) for i, at in enumerate(scores)]
-    own = [_own_of(likelihood, fit, i, at, weak, STEPS) for i, at in enumerate(scores)]
+    own = [_newton(*of_run, weak) for of_run in zip(alone, fits, scores)]
     described, found = {p["name"]: p for p in fit.model.parameters()}, []
     for p in parameters:
         if p["identified"] and p["name"] in fit.free:
             j = fit.free.index(p["name"])
-            differ = len(fit.free) * chance(*_told(first, j)) < LEVEL
-            p = _widened(p, described[p["name"]], *_told(own, j), differ)
+            first, last = (_told([steps[at] for steps in own], j) for at in (0, -1))
+            differ = len(fit.free) * chance(*first) < LEVEL
+            p = _widened(p, described[p["name"]], *last, differ)
         found.append(p)
     return found
 
@@ -55,24 +55,24 @@ def _told(own: Sequence[Tuple[Array, Array]], j: int) -> Tuple[Array, Array]:
     return steps[good], variances[good]
 
 
-def _own_of(
-    likelihood: Likelihood, fit: Fit, run: int, scores: Dict[str, Array], weak: Array, most: int
-) -> Tuple[Array, Array]:
-    """Steps of coordinates and their variances, infinite where the run does not tell a parameter, after at
-    most some Newton steps. scores: at the common values; weak: information added to that of the run."""
-    scale, at = scores["scale"], np.zeros(len(weak))
-    for step in range(most):
+def _newton(alone: Likelihood, fit: Fit, scores: Dict[str, Array], weak: Array) -> List[Tuple[Array, Array]]:
+    """Coordinates of a run's own values relative to those of a fit, and their variances, infinite where the
+    run does not tell a parameter, after each of four Newton steps. alone: of the run; scores: at the common
+    values; weak: information added to that of the run."""
+    scale, at, found = scores["scale"], np.zeros(len(weak)), []
+    while True:
         covariance = solve(scores["information"] + weak, np.eye(len(weak)))
         at = at + covariance @ (scores["score"].sum(axis=0) - weak @ at)
-        if step == most - 1 or not np.isfinite(at).all():
-            break
+        variances = np.maximum(np.diag(covariance), 0)
+        is_told = variances * np.diag(weak) < TOLD
+        found.append((scale * at, np.where(is_told, scale**2 * variances, np.inf)))
+        if len(found) == 4 or not np.isfinite(at).all():
+            return found
         model = stepped(fit.model, dict(zip(fit.free, (scale * at).tolist())))
         try:
-            scores = likelihood.scores_of(replace(fit, model=model), run)
+            scores = alone.scores(fit, model, fit.free)
         except GroundError:  # the motion is not finite there
-            break
-    variances = np.maximum(np.diag(covariance), 0)
-    return scale * at, np.where(variances * np.diag(weak) < TOLD, scale**2 * variances, np.inf)
+            return found
 
 
 def chance(steps: Array, variances: Array) -> float:
@@ -88,7 +88,7 @@ def mean_of(steps: Array, variances: Array) -> Tuple[float, float, float]:
     between = _between(steps, variances)
     weights = 1 / (variances + between)
     freedom = max(1.0, weights.sum() ** 2 / (weights @ weights) - 1) if between else np.inf
-    half = student_limit(OUTSIDE, freedom) / np.sqrt(weights.sum())
+    half = student_limit(0.025, freedom) / np.sqrt(weights.sum())
     return float(weights @ steps / weights.sum()), float(half), between
 
 

@@ -1,6 +1,5 @@
 """Effects that may be missing in a model: those of the library, and a user's from YAML files."""
 
-import functools
 import math
 from dataclasses import dataclass, replace
 from typing import Callable, Dict, Iterator, List, Optional, Sequence
@@ -10,9 +9,6 @@ import yaml
 from ground import _core
 from ground.support.annotations import Document
 from ground.support.errors import GroundError, core_errors
-
-# The error has several minima over a full turn, so that fits begin at several angles [rad].
-STARTS = {"heading_offset.psi0": (math.pi / 2, math.pi, -math.pi / 2)}
 
 
 @dataclass(frozen=True)
@@ -30,26 +26,22 @@ class Candidate:
             extended.set_value(parameter["name"], parameter["neutral"])
         return extended
 
-    def starts(self, model: _core.Model) -> Iterator[_core.Model]:
-        """The model with the effect, at each set of values that a fit should start from."""
+    def starts(self, model: _core.Model) -> List[_core.Model]:
+        """The model with the effect, at each set of values that a fit should start from; see turned."""
         neutral, given = self.neutral(model), self.add(model)
-        names = [p["name"] for p in parameters_of(neutral, self.name)]
-        yield from turned(neutral, names)
-        if values(given) != values(neutral):
-            yield given
+        return [neutral] if values(given) == values(neutral) else [neutral, given]
 
 
 def of_library(name: str) -> Candidate:
     """The Candidate of that name; GroundError, which lists the known ones, if there is none."""
 
-    return Candidate(name, functools.partial(_with_effect, name))
+    def add(model: _core.Model) -> _core.Model:
+        extended = model.copy()
+        with core_errors():
+            extended.add_effect(name)
+        return extended
 
-
-def _with_effect(name: str, model: _core.Model) -> _core.Model:
-    extended = model.copy()
-    with core_errors():
-        extended.add_effect(name)
-    return extended
+    return Candidate(name, add)
 
 
 def effects(model: Optional[_core.Model] = None) -> Dict[str, Document]:
@@ -115,27 +107,27 @@ def from_entry(entry: Document, source: str, model: Optional[_core.Model] = None
 def from_text(text: str, source: str, model: Optional[_core.Model] = None) -> Candidate:
     """The Candidate of the text of a file with one effect as model files list it, for crafts with the
     thrusters of a model (default: left and right). GroundError names `source` and the line."""
-    add = functools.partial(_with_text, text, source)
+
+    def add(model: _core.Model) -> _core.Model:
+        with core_errors():
+            return _core.with_effect(model, text, source)
+
     bare = _core.Model() if model is None else model.copy()
     for effect in bare.effects:
         bare.remove_effect(effect)
     return Candidate(add(bare).effects[0], add)
 
 
-def _with_text(text: str, source: str, model: _core.Model) -> _core.Model:
-    with core_errors():
-        return _core.with_effect(model, text, source)
-
-
 def turned(model: _core.Model, free: Sequence[str]) -> Iterator[_core.Model]:
-    """The model, and copies whose free angles start elsewhere."""
+    """The model, and copies whose free heading offset starts elsewhere: the error has several minima over a
+    full turn."""
     yield model
-    for name, angles in STARTS.items():
-        if name in free and model.value(name) == 0:
-            for angle in angles:
-                other = model.copy()
-                other.set_value(name, angle)
-                yield other
+    name = "heading_offset.psi0"
+    if name in free and model.value(name) == 0:
+        for angle in (math.pi / 2, math.pi, -math.pi / 2):
+            other = model.copy()
+            other.set_value(name, angle)
+            yield other
 
 
 def parameters_of(model: _core.Model, effect: str) -> List[Document]:

@@ -7,8 +7,7 @@ enough to matter. The last step measures what the grown model leaves (ground.ana
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, FrozenSet, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -19,19 +18,17 @@ from ground.analysis import (
     excerpts,
     folds,
     horizon,
-    indistinguishable,
     naming,
     run_differences,
-    stages,
     window_error,
 )
 from ground.analysis.candidates import Candidate
+from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.evidence import Dropped
 from ground.analysis.judge import Comparison, Tested, compared
-from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.refits import Fitting
-from ground.analysis.score_tests import UNSEEN, ScoreTests
-from ground.analysis.search import EXCLUSION, Search
+from ground.analysis.likelihood import Fit, Kind, Likelihood
+from ground.analysis.score_tests import UNSEEN
+from ground.analysis.search import LEVEL, LookAlike, Search
 from ground.analysis.simulation_search import SimulationSearch
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
@@ -42,13 +39,7 @@ from ground.support.workers import Workers
 # only were independent.
 GLARING = 4.0
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
-FLOORS = 5  # simulations over which the noise floor is averaged
 SLIGHT = "it is too small to matter"
-MISLEADS = (
-    "held-out poses are predicted worse with it (%.2g mm, %.2g deg) than by a refit without it "
-    "(%.2g mm, %.2g deg)"
-)
-MAX_REPEATS = 3  # repetitions of the search because other differences between runs were found
 
 
 @dataclass(frozen=True)
@@ -92,9 +83,10 @@ class Diagnosis:
         self.fitter = window_error.WindowFitter(runs, threads=1)
         self.fitter.check()
         self.cut = self.fitter.windows
+        self.prediction_time = horizon.horizon(runs, model)  # over which poses are predicted [s]
+        self.starts = horizon.Starts.of(runs, self.prediction_time)
         self.chosen: List[Candidate] = []  # in the order of their choice
         self.steps: List[Step] = []
-        self.by_simulation: Optional[window_error.WindowFit] = None  # fit, where the likelihood misleads
         self.dropped: List[Dropped] = []
         # By the Fit of a set of effects, because a set may be fitted again
         self.fuller: Dict[Fit, Fit] = {}  # with an effect that is too small to matter
@@ -103,22 +95,23 @@ class Diagnosis:
         self.formulas: Dict[Fit, Optional[naming.Formula]] = {}
         self.judged: Dict[Fit, folds.Judged] = {}
         self.tried: List[evidence.Trial] = []  # each effect added to the nominal model, best first
-        with self.work.stage(stages.FITTING):
+        with self.work.stage("fitting the model as it is"):
             # everything that may differ between runs does
             self.varied = Likelihood(runs, model, threads=self.threads)
             self.samples = 3 * sum(len(run.times) for run in self.varied.runs)  # that the likelihood is of
             fit = self.varied.fit(model, window_error.free_parameters(model))
             self._begin(run_differences.differences(self.varied, fit), fit)
 
-    def _begin(self, differences: Sequence[run_differences.Difference], near: Fit) -> None:
+    def _begin(self, differences: Mapping[Kind, float], near: Fit) -> None:
         """Starts a search in which the differences between runs are random effects."""
         self.differences = differences
-        levels = [d.kind.level for d in differences]
+        levels = [kind.level for kind in differences]
         self.likelihood = Likelihood(self.runs, self.given, levels, self.threads)
         self.folds = folds.Folds(self.runs, self.likelihood, self.cut, self.starts, self.each)
-        by_name = {candidate.name: candidate for candidate in self.candidates}
         self.search = Search(
-            Fitting(self.likelihood, self.given, by_name),
+            self.likelihood,
+            self.given,
+            {candidate.name: candidate for candidate in self.candidates},
             self.each,
             self.work,
             lambda better, current: self._refuted(better, current, whole=False) is None,
@@ -132,16 +125,6 @@ class Diagnosis:
     def is_excerpt(self) -> bool:
         """Whether effects are searched for in parts of the runs."""
         return any(part is not run for part, run in zip(self.runs, self.all_runs))
-
-    @cached_property
-    def prediction_time(self) -> float:
-        """Time over which poses are predicted with any of the models [s]."""
-        return horizon.horizon(self.runs, self.given)
-
-    @cached_property
-    def starts(self) -> horizon.Starts:
-        """These predictions."""
-        return horizon.Starts.of(self.runs, self.prediction_time)
 
     @property
     def names(self) -> FrozenSet[str]:
@@ -180,10 +163,11 @@ class Diagnosis:
         return float(self.judge(names).error.sum()) < EXPLAINED * self.noise_floor(names)
 
     def noise_floor(self, names: FrozenSet[str]) -> float:
-        """Error that the noise of the poses alone would leave if a fitted set of effects were true."""
+        """Error that the noise of the poses alone would leave if a fitted set of effects were true: the mean
+        of five simulations."""
         fit = self.search.fits[names]
         if fit not in self.floors:
-            floors = [window_error.noise_floor(self.runs, fit.model, seed).sum() for seed in range(FLOORS)]
+            floors = [window_error.noise_floor(self.runs, fit.model, seed).sum() for seed in range(5)]
             self.floors[fit] = float(np.mean(floors))
         return self.floors[fit]
 
@@ -207,39 +191,39 @@ class Diagnosis:
         return self.judged[fit]
 
     def grow(self) -> None:
-        """Adds the effects that earn their place."""
-        with self.work.stage(stages.SEARCHING):
+        """Adds the effects that earn their place. Units of progress are sets that are refitted, then
+        effects."""
+        with self.work.stage("searching for missing effects"):
             found = self._simplest(self._likeliest_set())
         self.tried = self._trials()
         for better in self.search.refused(found):
-            for name in sorted(better - found):
-                why = self._refuted(better, found)
-                if why:
-                    self._drop(better, name, why)
-        with self.work.stage(stages.TESTING):
+            why = self._refuted(better, found)
+            if why:
+                for name in sorted(better - found):
+                    self._leave_out(better, name, why)
+        with self.work.stage("testing effects on held-out data"):
             found = self._without_refuted(found)
-        with self.work.stage(stages.IMITATING):
+        with self.work.stage("testing whether effects imitate what has no name"):
             found = self._without_stand_ins(found)
-        with self.work.stage(stages.ORDERING, len(found)):
+        with self.work.stage("ordering the effects", len(found)):
             self._order(found)
-        with self.work.stage(stages.RIVALS, len(found)):
+        with self.work.stage("looking for effects that could replace them", len(found)):
             self._mark_equals()
 
     def _likeliest_set(self) -> FrozenSet[str]:
-        """The likeliest set of effects. Differences between runs are tested again with it: a
-        missing effect may have imitated or hidden them."""
+        """The likeliest set of effects. Differences between runs are tested again with it, three times at
+        most: a missing effect may have imitated or hidden them."""
         found = self.search.run()
-        for _ in range(MAX_REPEATS):
+        for _ in range(3):
             # Refused sets count, too: they may have been refused only because held-out runs were
             # predicted without the difference.
             likeliest = max([found, *self.search.refused(found)], key=self.search.value)
             fit = self.search.fits[likeliest]
             differences = run_differences.differences(self.varied, fit)
-            same = {d.kind for d in differences} == {d.kind for d in self.differences}
-            if same:
+            if differences.keys() == self.differences.keys():
                 self.differences = differences
                 return found
-            names = [d.kind.parameter for d in differences]
+            names = [kind.parameter for kind in differences]
             self.work.note("differs between runs: %s" % (", ".join(names) or "nothing"))
             self._begin(differences, self.search.nominal())
             found = self.search.run(near=fit)
@@ -262,25 +246,19 @@ class Diagnosis:
     def _without_refuted(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """The set without effects that held-out data refute or that do not matter."""
         while found:
-            names = sorted(found)
             self.judge(found)
-            self.search.without_each(found, names)
-            objections = [(name, self._objection(found, name)) for name in names]
-            refused = [(name, why) for name, why in objections if why]
-            if not refused:
+            objections: Dict[str, str] = {}
+            for name, rest in zip(sorted(found), self.search.without_each(found, sorted(found))):
+                why, fits = self._refuted(found, rest), self.search.fits
+                # on long runs the likelihood detects a millisecond of network latency as a delay
+                if why or not self.matter(fits[rest].model, fits[found].model):
+                    objections[name] = why or SLIGHT
+                self.work.step()
+            if not objections:
                 return found
-            name, why = min(refused, key=lambda r: self.search.ratio(found, found - {r[0]}))
-            self._drop(found, name, why)
-            found = found - {name}
+            name = min(objections, key=lambda name: self.search.ratio(found, found - {name}))
+            found = self._leave_out(found, name, objections[name])
         return found
-
-    def _objection(self, found: FrozenSet[str], name: str) -> Optional[str]:
-        """Reason to leave an effect out of a set; None without one."""
-        rest = self.search.without(found, name)
-        why = self._refuted(found, rest)
-        self.work.step()
-        # on long runs the likelihood detects a millisecond of network latency as a delay
-        return why if why or self._matters(self._change(found, rest)) else SLIGHT
 
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str], whole: bool = True) -> Optional[str]:
         """Reason why held-out data speak against a set and for a smaller one; None if they do not. Effects
@@ -303,36 +281,26 @@ class Diagnosis:
         """The Comparison of two hypotheses, by what matters here."""
         return compared(larger, smaller, self.matters)
 
-    def _change(self, found: FrozenSet[str], rest: FrozenSet[str]) -> horizon.Change:
-        """By how much a set changes the poses that a smaller one predicts."""
-        return self._change_of(self.search.fits[rest].model, self.search.fits[found].model)
-
-    def _change_of(self, before: _core.Model, after: _core.Model) -> horizon.Change:
+    def _change(self, before: _core.Model, after: _core.Model) -> horizon.Change:
         """By how much the poses differ that two models predict."""
         return horizon.change(self.runs, self.starts.windows, self.prediction_time, (before, after))
 
     def matter(self, before: _core.Model, after: _core.Model) -> bool:
         """Whether the poses that two models predict differ by what matters."""
-        return self._matters(self._change_of(before, after))
-
-    def _matters(self, change: horizon.Change) -> bool:
+        change = self._change(before, after)
         return bool(change.position_mm >= self.matters[0] or change.heading_deg >= self.matters[1])
 
-    def _drop(self, found: FrozenSet[str], name: str, why: str) -> None:
-        self.search.without(found, name)
-        change = None
+    def _leave_out(self, found: FrozenSet[str], name: str, why: str) -> FrozenSet[str]:
+        """The set without an effect; keeps why. An effect may be refused several times: the last reason
+        counts."""
+        rest, change = self.search.without(found, name), None
         if why == SLIGHT:
-            change = self._change(found, found - {name})
-            self.fuller[self.search.fits[found - {name}]] = self.search.fits[found]
-        self._leave_out(found, name, why, change)
-        self.work.note("%s is left out: %s" % (name, why))
-
-    def _leave_out(
-        self, found: FrozenSet[str], name: str, why: str, change: Optional[horizon.Change] = None
-    ) -> None:
-        """Keeps why an effect is not added. It may be refused several times: the last reason counts."""
+            larger, smaller = self.search.fits[found], self.search.fits[rest]
+            change, self.fuller[smaller] = self._change(smaller.model, larger.model), larger
         self.dropped = [d for d in self.dropped if d.trial.name != name]
         self.dropped.append(Dropped(self.trial_in(found, name), why, change))
+        self.work.note("%s is left out: %s" % (name, why))
+        return rest
 
     def _without_stand_ins(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """The set without effects that only imitate what has no name: those that do nothing beside a
@@ -342,14 +310,12 @@ class Diagnosis:
         named = self.formula_of(found)
         if named is None:
             alone, best = self.formula_of(frozenset()), self.search.fits[found].log_posterior
-            if alone is None or 2 * (alone.fit.log_posterior - best) < EXCLUSION:
+            if alone is None or 2 * (alone.fit.log_posterior - best) < chi_squared_limit(LEVEL, 1):
                 return found
-            why = "a formula without it is likelier (%s)" % alone.means
             for name in sorted(found):
-                self.dropped.append(Dropped(self.trial_in(found, name), why))
-                found = self.search.without(found, name)
+                why = "a formula without it is likelier (%s)" % alone.means
+                found = self._leave_out(found, name, why)
             return found
-        why = "it imitates what has no name (%s)" % named.means
         rest, fit = found, named.fit
         for name in sorted(found, key=lambda n: self.search.ratio(found, found - {n})):
             if not self.search.may_go(fit, name):
@@ -362,9 +328,8 @@ class Diagnosis:
             except GroundError:  # the motion is not finite without it
                 continue
             if 2 * (fit.log_posterior - without.log_posterior) < self.search.threshold(name):
-                smaller = self.search.without(rest, name)
-                self.dropped.append(Dropped(self.trial_in(rest, name), why))
-                rest, fit = smaller, without
+                rest = self._leave_out(rest, name, "it imitates what has no name (%s)" % named.means)
+                fit = without
         return rest
 
     def _order(self, found: FrozenSet[str]) -> None:
@@ -374,15 +339,13 @@ class Diagnosis:
         path: List[str] = []
         current = found
         while current:
-            fit = self.search.fits[current]
-            name = min(sorted(current), key=fit.ratio_without)
+            name = min(sorted(current), key=self.search.fits[current].ratio_without)
             path.insert(0, name)
             current = self.search.without(current, name)
         self.chosen = [self.search.candidates[name] for name in path]
         for i, name in enumerate(path):
-            judged, rest = self.judge(frozenset(path[: i + 1])), self.search.without(self.names, name)
-            chance = self.trial_in(self.names, name).p_value
-            confirmed = self.confirmed(self.names, rest)
+            judged, rest = self.judge(frozenset(path[: i + 1])), self.search.without(found, name)
+            chance, confirmed = self.trial_in(found, name).p_value, self.confirmed(found, rest)
             self.steps.append(Step(name, judged, (name,), self.search.fits[rest], chance, confirmed))
             self.work.step()
             self.work.note("%s: error on held-out runs %.3f" % (name, float(judged.heldout.sum())))
@@ -392,8 +355,7 @@ class Diagnosis:
         for i, step in enumerate(self.steps):
             self.steps[i] = replace(step, group=(step.added, *self.search.rivals(self.names, step.added)))
             self.work.step()
-        first = self.steps[0].group if self.steps else ()
-        self.tried = evidence.ranked(self.tried, first)
+        self.tried = evidence.ranked(self.tried, self.steps[0].group if self.steps else ())
 
     # In the place of what the likelihood prefers
 
@@ -407,28 +369,30 @@ class Diagnosis:
         search = SimulationSearch(
             self.fitter, self.given, self.candidates, helps, self.matter, self.each, self.work
         )
-        with self.work.stage(stages.SIMULATING, len(self.candidates)):
+        steps, fits = [], {}
+        with self.work.stage("searching by simulation error", len(self.candidates)):
             try:
-                found = search.run()
-                added = [step.added for step in found]
-                fits = [self._beside(step.fit) for step in found]
-                judged = [self.folds.judge_simulated(fit, step.fit) for fit, step in zip(fits, found)]
-                rests = [self._beside(step.rest) for step in found]
+                added = search.run()
+                whole = frozenset(added)
+                for i, name in enumerate(added):
+                    names, rest = frozenset(added[: i + 1]), whole - {name}
+                    fits[names] = self._beside(search.fit(names))
+                    judged = self.folds.judge_simulated(fits[names], search.fit(names))
+                    chance = search.chance(whole, rest)
+                    confirmed = helps(search.fit(whole), search.fit(rest))
+                    without = self._beside(search.fit(rest))
+                    steps.append(Step(name, judged, (name,), without, chance, confirmed))
             except GroundError:  # a motion is not finite
                 return False
-        if not found:
+        if not added:
             return False
         self.dropped = [dropped for dropped in self.dropped if dropped.trial.name not in added]
         for name in sorted(self.names.difference(added)):
             self._leave_out(self.names, name, why)
         self.tried = evidence.ranked(self.tried, added[:1])
-        self.steps, self.by_simulation = [], found[-1].fit
-        self.chosen = [self.search.candidates[name] for name in added]
-        for i, (step, fit, own, rest) in enumerate(zip(found, fits, judged, rests)):
-            names = frozenset(added[: i + 1])
-            self.search.fits[names], self.judged[fit] = fit, own
-            one = Step(step.added, own, (step.added,), rest, step.p_value, step.comparison)
-            self.steps.append(one)
+        self.steps, self.chosen = steps, [self.search.candidates[name] for name in added]
+        self.search.fits.update(fits)
+        self.judged.update(zip(fits.values(), [step.fit for step in steps]))
         return True
 
     def tested(self, fitter: window_error.WindowFitter, found: window_error.WindowFit) -> Tested:
@@ -439,9 +403,8 @@ class Diagnosis:
     def withdraw(self, why: str) -> None:
         """Takes all effects out of the grown model."""
         for name in sorted(self.names):
-            self.search.without(self.names, name)
             self._leave_out(self.names, name, why)
-        self.chosen, self.steps, self.by_simulation = [], [], None
+        self.chosen, self.steps = [], []
 
     def _beside(self, fitted: window_error.WindowFit) -> Fit:
         """The likeliest levels beside a model that was fitted by simulation error."""
@@ -451,24 +414,23 @@ class Diagnosis:
 
     def _trials(self) -> List[evidence.Trial]:
         """Trials of all effects, each added to the nominal model, best first."""
-        tests = self.search.test_beside(frozenset())
-        return sorted((self._trial(c, tests) for c in self.candidates), key=lambda t: t.delta_bic)
-
-    def _trial(self, candidate: Candidate, tests: ScoreTests) -> evidence.Trial:
-        name, names = candidate.name, frozenset([candidate.name])
-        if names in self.search.fits:
-            return self.trial_in(names, name)
-        gain, step = tests.test((name,))
-        model = candidate.neutral(self.search.fits[frozenset()].model)
-        parameters, seen = tests.estimates(model, name, step), tests.seen(name) > UNSEEN
-        return evidence.trial(name, model, parameters, gain, seen, self.samples)
+        tests, found = self.search.test_beside(frozenset()), []
+        for candidate in self.candidates:
+            name, names = candidate.name, frozenset([candidate.name])
+            if names in self.search.fits:
+                found.append(self.trial_in(names, name))
+            else:
+                gain, step = tests.test((name,))
+                model = candidate.neutral(self.nominal.model)
+                parameters = tests.estimates(model, name, step)
+                found.append(evidence.trial(name, model, parameters, gain, self.samples))
+        return sorted(found, key=lambda t: t.delta_bic)
 
     def trial_in(self, found: FrozenSet[str], name: str) -> evidence.Trial:
         """The Trial of an effect of a fitted set against the set without it."""
         fit, gain = self.search.fits[found], self.search.ratio(found, found - {name})
         parameters = [p for p in fit.parameters if p["name"].split(".")[0] == name]
-        seen = any(p["identified"] for p in parameters)
-        return evidence.trial(name, fit.model, parameters, gain, seen, self.samples)
+        return evidence.trial(name, fit.model, parameters, gain, self.samples)
 
     def judged_of(self, trial: evidence.Trial) -> Optional[folds.Judged]:
         """folds.Judged of the nominal model with a Trial's effect; None if it was not refitted."""
@@ -477,15 +439,14 @@ class Diagnosis:
 
     # Effects that these runs cannot show
 
-    def unseen(self) -> List[indistinguishable.LookAlike]:
+    def unseen(self) -> List[LookAlike]:
         """Effects that are neither in the grown model nor in a group, and that these runs could
-        not show: a list of indistinguishable.LookAlikes."""
-        found = self.each(
-            lambda name: indistinguishable.look_alike(self.search, self.names, name), self.hidden_names()
-        )
+        not show."""
+        found = self.each(lambda name: self.search.look_alike(self.names, name), self.hidden_names())
         return [f for f in found if f]
 
     def hidden_names(self) -> List[str]:
         """Effects in no group that to first order equal a change of the grown model's parameters."""
         known = self.names.union(*(step.group for step in self.steps))
-        return indistinguishable.names(self.search, self.names, known)
+        tests = self.search.test_beside(self.names)
+        return [n for n in tests.columns if n not in known and tests.seen(n) < UNSEEN]

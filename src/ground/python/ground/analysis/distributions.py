@@ -17,6 +17,11 @@ def chi_squared_above(value: float, freedom: int) -> float:
     return float(special.chdtrc(freedom, value)) if value > 0 else 1.0
 
 
+def chi_squared_limit(chance: float, freedom: int) -> float:
+    """Value that a chi squared variable exceeds with a probability."""
+    return float(special.chdtri(freedom, chance))
+
+
 def student_limit(chance: float, freedom: float) -> float:
     """Value that Student's t exceeds with a probability."""
     return float(special.stdtrit(freedom, 1 - chance))

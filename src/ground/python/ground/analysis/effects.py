@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     import pandas
 
 MAX_LISTED = 4  # parameters that a table lists
-PARAMETER = ("value", "unit", "lower", "upper")  # of a tuple
 
 
 @dataclass(frozen=True)
@@ -254,5 +253,5 @@ def _described(effect: str, name: str, given: Any) -> Document:
         raise GroundError(
             "effect %s: %s needs (value, unit), or (value, unit, lower, upper)" % (effect, name)
         )
-    found = dict(zip(PARAMETER, values))
+    found = dict(zip(("value", "unit", "lower", "upper"), values))
     return {key: value if key == "unit" else float(value) for key, value in found.items()}

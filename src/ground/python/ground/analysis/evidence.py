@@ -18,12 +18,9 @@ class Trial:
     """An effect added to a model on trial."""
 
     name: str
-    model: _core.Model  # with it; refitted, or moved by one step of the score test
     parameters: Sequence[Document]  # the effect's: name, unit, value, ci95, identified
-    gain: float  # log-likelihood ratio 2 (L1 - L0) against the model without
     p_value: float  # not corrected for the number of effects tried
     delta_bic: float
-    seen: bool  # whether it does anything that the other parameters cannot
     equal: bool = False  # whether the data cannot distinguish it from the best one
 
 
@@ -36,20 +33,13 @@ class Dropped:
     change: Optional[Change] = None  # of predicted poses, where it is too small to matter
 
 
-def trial(
-    name: str,
-    model: _core.Model,
-    parameters: Sequence[Document],
-    gain: float,
-    seen: bool,
-    samples: int,
-) -> Trial:
-    """A Trial; samples: number of samples of the data."""
+def trial(name: str, model: _core.Model, parameters: Sequence[Document], gain: float, samples: int) -> Trial:
+    """A Trial. model: any with the effect; gain: log-likelihood ratio 2 (L1 - L0) against the model without;
+    samples: number of samples of the data."""
     described = candidates.parameters_of(model, name)
     on_bound = sum(p["neutral"] in (p["lower"], p["upper"]) for p in described)
-    alone = p_value(gain, len(described), on_bound)
     bic = float(len(described) * np.log(samples) - gain)
-    return Trial(name, model, parameters, gain, alone, bic, seen)
+    return Trial(name, parameters, p_value(gain, len(described), on_bound), bic)
 
 
 def ranked(trials: Iterable[Trial], first: Sequence[str]) -> List[Trial]:
@@ -65,9 +55,10 @@ def p_value(gain: float, free: int, on_bound: int) -> float:
     binomial weights, exact for independent estimates)."""
     if not gain > 0:
         return 1.0
-    total = 0.0
-    for moved in range(on_bound + 1):
-        count = free - on_bound + moved
-        if count > 0:
-            total += math.comb(on_bound, moved) / 2**on_bound * chi_squared_above(gain, count)
-    return float(total)
+    counts = range(free - on_bound, free + 1)
+    weighed = (
+        math.comb(on_bound, moved) * chi_squared_above(gain, count)
+        for moved, count in enumerate(counts)
+        if count
+    )
+    return float(sum(weighed)) / 2**on_bound

@@ -13,11 +13,10 @@ from typing import List, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis.thinning import thinned
+from ground.analysis.thinning import at_samples, thinned
 from ground.support.annotations import Array
 
 COST = 60_000  # steps times channels that a search may simulate
-PART = 1.1  # length of a part [windows]
 
 
 def spread(runs: Sequence[_core.RunData]) -> List[_core.RunData]:
@@ -45,17 +44,12 @@ def _cost(run: _core.RunData) -> int:
 def _parts(run: _core.RunData, share: float, usual: Array) -> _core.RunData:
     """The parts of a run, about that share of it, in which velocities are the largest beside `usual` ones."""
     times = np.array(run.times)
-    number = ((times - times[0]) / (PART * run.scales.window)).astype(int)  # of the part that a pose is in
+    # the part that a pose is in: each is long enough for a window
+    number = ((times - times[0]) / (1.1 * run.scales.window)).astype(int)
     count = int(number[-1])  # the last one is shorter
     wanted = max(1, round(share * count))
     if wanted >= count:
         return run
     motion = ((np.array(run.nu) / np.maximum(usual, 1e-300)) ** 2).sum(axis=1)
     moved = np.bincount(number, motion)[:count]
-    at = np.isin(number, np.argsort(-moved, kind="stable")[:wanted])
-
-    def part(values: Array) -> Array:
-        return np.asarray(np.array(values)[at])
-
-    poses = part(run.poses) if len(run.poses) else None
-    return run.replaced(times=times[at], eta=part(run.eta), nu=part(run.nu), poses=poses)
+    return at_samples(run, np.isin(number, np.argsort(-moved, kind="stable")[:wanted]))

@@ -1,8 +1,7 @@
 """Data that are held out of a fit: which parts, and how well models predict what they were not fitted to."""
 
-import dataclasses
-from dataclasses import dataclass
-from typing import List, Mapping, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -11,12 +10,12 @@ from ground.analysis import window_error
 from ground.analysis.horizon import Starts
 from ground.analysis.judge import Tested
 from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.thinning import at_samples
 from ground.recordings import windows
 from ground.support.annotations import Array, Document, Each
 from ground.support.errors import GroundError
 
 MOST_SAMPLES = 6000  # poses, thinned, in an excerpt of runs
-STRETCH = 10.0  # length of a stretch of a long run in it [time scales]
 
 
 @dataclass(frozen=True)
@@ -24,12 +23,18 @@ class Judged:
     """A fitted model and its errors."""
 
     model: _core.Model
-    parameters: Mapping[str, Document]  # by name
+    parameters: Sequence[Document]
     error: Array  # (3,) mean |e|/s of u, v, r over the windows of all runs
     heldout: Array  # (3,) the same, each window by a fit to the other parts; differences between
     # runs are estimated from the run's poses before the window (window_error.calibrated_errors)
     tested: Tested  # by the fits to the other parts
-    others: Tuple[Fit, ...]  # the fits to all but each part
+    fit: Optional[Fit] = None  # None: fitted by simulation error
+    others: Sequence[Fit] = ()  # the fits to all but each part
+
+    @property
+    def by(self) -> str:
+        """What the fit maximises or minimises."""
+        return "likelihood" if self.fit else "simulation"
 
 
 class Folds:
@@ -49,15 +54,18 @@ class Folds:
     ) -> None:
         self.runs, self.whole, self.cut, self.at, self.each = runs, whole, cut, at, each
         # the whole's runs are thinned already; a quarter is thinned by itself
-        parts = list(whole.runs) if len(runs) > 1 else quarters(runs[0])
+        parts = list(whole.runs)
+        if len(runs) == 1:
+            edges = np.linspace(0, len(runs[0].times), window_error.PARTS + 1).astype(int)
+            parts = [at_samples(runs[0], slice(a, b)) for a, b in zip(edges[:-1], edges[1:])]
         self.count = min(window_error.PARTS, len(parts))
-        self.fitted: List[Likelihood] = []
-        self.tested: List[Likelihood] = []
-        for fold in range(self.count):
-            inside = [part for i, part in enumerate(parts) if i % self.count == fold]
-            outside = [part for i, part in enumerate(parts) if i % self.count != fold]
-            for chosen, likelihoods in ((outside, self.fitted), (inside, self.tested)):
-                likelihoods.append(Likelihood(chosen, whole.craft, whole.varying, whole.threads))
+
+        def likelihood(chosen: Sequence[_core.RunData]) -> Likelihood:
+            return Likelihood(chosen, whole.craft, whole.varying, whole.threads)
+
+        folds = range(self.count)
+        self.fitted = [likelihood([p for i, p in enumerate(parts) if i % self.count != f]) for f in folds]
+        self.tested = [likelihood(parts[f :: self.count]) for f in folds]
         self.fold_of = window_error.parts_of(runs, cut)
         self.start_of = window_error.parts_of(runs, at.windows)
 
@@ -69,43 +77,45 @@ class Folds:
     def _without(self, fold: int, fit: Fit) -> Fit:
         """A Fit refitted without a fold. The noise of each run is found anew; where the motion is not finite
         without it, the search starts from that of the Fit."""
-        own = fit.loudness
+        own = fit.loudness * (self.count - 1)
         if len(self.runs) > 1:
-            own = tuple(noise for run, noise in enumerate(own) if run % self.count != fold)
-        else:
-            own = own * (self.count - 1)
-        on = self.fitted[fold]
-        for loudness in ((), own):
-            try:
-                near = dataclasses.replace(fit, loudness=loudness)
-                return on.fit(fit.model, fit.free, near=near, levels=False)
-            except GroundError as error:
-                failure = error
-        raise failure
+            own = tuple(noise for run, noise in enumerate(fit.loudness) if run % self.count != fold)
+
+        def refitted(loudness: Tuple[float, ...]) -> Fit:
+            near = replace(fit, loudness=loudness)
+            return self.fitted[fold].fit(fit.model, fit.free, near=near, levels=False)
+
+        try:
+            return refitted(())
+        except GroundError:
+            return refitted(own)
 
     def judge(self, fit: Fit) -> Judged:
         """The Judged of a Fit to all runs. Its errors are infinite where a motion is not finite: the filter
         of a likelihood holds an unstable model at what was measured, and predictions do not."""
-        parameters = {p["name"]: p for p in fit.parameters}
         try:
             refitted = self.models(fit)
             error = window_error.channel_errors(self.runs, self.cut, fit.model)
         except GroundError:
             never, none = np.full(3, np.inf), np.full((len(self.at.windows), 2), np.inf)
             tested = Tested(none, self.start_of, (np.array([-np.inf]),) * self.count)
-            return Judged(fit.model, parameters, never, never, tested, (fit,) * self.count)
-        heldout = window_error.mean(self.cut, self._errors(refitted))
-        return Judged(fit.model, parameters, error, heldout, self._tested(refitted), tuple(refitted))
+            return Judged(fit.model, fit.parameters, never, never, tested, fit, [fit] * self.count)
+        heldout = np.zeros((len(self.cut), 3))
+        for fold, other in enumerate(refitted):
+            inside = np.flatnonzero(self.fold_of == fold)
+            if len(inside):
+                own = [self.cut[i] for i in inside]
+                heldout[inside] = window_error.calibrated_errors(self.runs, own, self.whole, other)
+        mean = window_error.mean(self.cut, heldout)
+        return Judged(fit.model, fit.parameters, error, mean, self._tested(refitted), fit, refitted)
 
     def judge_simulated(self, fit: Fit, found: window_error.WindowFit) -> Judged:
         """The Judged of a model that was fitted by simulation error to the windows; fit: a Fit of the levels
         beside it, without a free parameter."""
-        each = [
-            self._without(fold, dataclasses.replace(fit, model=found.others[fold]["model"]))
-            for fold in range(self.count)
+        others = [
+            self._without(fold, replace(fit, model=found.others[fold]["model"])) for fold in range(self.count)
         ]
-        tested = self._tested(each)
-        return Judged(fit.model, found.parameters, found.error, found.heldout, tested, tuple(each))
+        return judged_windows(found, self._tested(others), others)
 
     def _tested(self, fits: Sequence[Fit]) -> Tested:
         """What Fits to all but each part predict of it."""
@@ -118,24 +128,10 @@ class Folds:
                 models[i] = model
         return Tested(self.at.errors(self.runs, models), self.start_of, tuple(blocks))
 
-    def _errors(self, fits: Sequence[Fit]) -> Array:
-        """Errors (windows, 3), each window by the Fit to the parts without it."""
-        heldout = np.zeros((len(self.cut), 3))
-        for fold, fit in enumerate(fits):
-            inside = np.flatnonzero(self.fold_of == fold)
-            if len(inside):
-                heldout[inside] = calibrated_errors(self.runs, [self.cut[i] for i in inside], self.whole, fit)
-        return heldout
 
-
-def calibrated_errors(
-    runs: Sequence[_core.RunData], cut: Sequence[_core.Window], likelihood: Likelihood, fit: Fit
-) -> Array:
-    """window_error.calibrated_errors; infinite where the motion is not finite."""
-    try:
-        return window_error.calibrated_errors(runs, cut, likelihood, fit)
-    except GroundError:
-        return np.full((len(cut), 3), np.inf)
+def judged_windows(found: window_error.WindowFit, tested: Tested, others: Sequence[Fit] = ()) -> Judged:
+    """The Judged of a model that was fitted by simulation error."""
+    return Judged(found.model, found.parameters, found.error, found.heldout, tested, None, others)
 
 
 def _blocks_of(likelihood: Likelihood, fit: Fit) -> List[Array]:
@@ -144,36 +140,16 @@ def _blocks_of(likelihood: Likelihood, fit: Fit) -> List[Array]:
     disturbance would else be too sure of runs that differ from those it was fitted to. -inf for all
     blocks of a run together where the motion is not finite."""
     try:
-        own = likelihood.fit(fit.model, [], near=dataclasses.replace(fit, loudness=()))
+        own = likelihood.fit(fit.model, [], near=replace(fit, loudness=()))
         return likelihood.blocks(own, own.loudness)
     except GroundError:
         return [np.array([-np.inf])] * len(likelihood.runs)
 
 
-def tested(
-    runs: Sequence[_core.RunData],
-    at: Starts,
-    likelihood: Likelihood,
-    fit: Fit,
-) -> Tested:
+def tested(runs: Sequence[_core.RunData], at: Starts, likelihood: Likelihood, fit: Fit) -> Tested:
     """A Fit on runs that it was not fitted to, as it is; likelihood: of these runs; at: their Starts."""
     models = window_error.calibrated_models(runs, at.windows, likelihood, fit)
-    blocks = tuple(_blocks_of(likelihood, fit))
-    return Tested(at.errors(runs, models), np.array([w.run for w in at.windows]), blocks)
-
-
-def quarters(run: _core.RunData) -> List[_core.RunData]:
-    """A run split into stretches of time."""
-    times = np.array(run.times)
-    edges = np.linspace(0, len(times), window_error.PARTS + 1).astype(int)
-    return [stretch(run, times, slice(a, b)) for a, b in zip(edges[:-1], edges[1:])]
-
-
-def stretch(run: _core.RunData, times: Array, part: slice) -> _core.RunData:
-    """Some samples of a run; times: all of its instants."""
-    eta, nu, poses = (np.array(values) for values in (run.eta, run.nu, run.poses))
-    poses = poses[part] if len(poses) else poses
-    return run.replaced(times=times[part], eta=eta[part], nu=nu[part], poses=poses)
+    return Tested(at.errors(runs, models), at.of_run, tuple(_blocks_of(likelihood, fit)))
 
 
 def excerpt(
@@ -183,24 +159,22 @@ def excerpt(
     cut: Sequence[_core.Window],
 ) -> Tuple[Likelihood, Fit, Sequence[_core.RunData], Sequence[_core.Window]]:
     """The same if the runs are short together, else stretches of them that are spread evenly."""
-    if sum(len(run.times) for run in likelihood.runs) <= MOST_SAMPLES:
+    samples = sum(len(run.times) for run in likelihood.runs)
+    if samples <= MOST_SAMPLES:
         return likelihood, fit, runs, cut
-    seconds = STRETCH * windows.time_scale(runs)
+    seconds = 10 * windows.time_scale(runs)  # of a stretch: long beside what the craft remembers
     stretches = [
         (i, begin)
         for i, run in enumerate(runs)
         for begin in np.arange(run.times[0], run.times[-1] - seconds / 2, seconds).tolist()
     ]
-    rate = sum(len(run.times) for run in likelihood.runs) / sum(
-        max(run.times[-1] - run.times[0], 1e-3) for run in runs
-    )
-    most = int(np.clip(MOST_SAMPLES / (rate * seconds), 2, len(stretches)))
+    duration = sum(max(run.times[-1] - run.times[0], 1e-3) for run in runs)
+    most = int(np.clip(MOST_SAMPLES / (samples / duration * seconds), 2, len(stretches)))
     pieces, of = [], []
     for k in np.linspace(0, len(stretches) - 1, most).astype(int):
         i, begin = stretches[k]
-        times = np.array(runs[i].times)
-        first, last = np.searchsorted(times, [begin, begin + seconds])
-        piece = stretch(runs[i], times, slice(int(first), int(last)))
+        first, last = np.searchsorted(runs[i].times, [begin, begin + seconds])
+        piece = at_samples(runs[i], slice(int(first), int(last)))
         if windows.cut_part(piece, 0, piece.times[0], piece.times[-1]):
             pieces.append(piece)
             of.append(i)
@@ -208,5 +182,5 @@ def excerpt(
         return likelihood, fit, runs, cut
     shorter = Likelihood(pieces, likelihood.craft, likelihood.varying, likelihood.threads)
     loudness = tuple(fit.loudness[i] for i in of) if fit.loudness else ()
-    trims = tuple(fit.trims[i] for i in of)
-    return shorter, dataclasses.replace(fit, loudness=loudness, trims=trims), pieces, windows.cut(pieces)
+    trims = [fit.trims[i] for i in of]
+    return shorter, replace(fit, loudness=loudness, trims=trims), pieces, windows.cut(pieces)

@@ -11,19 +11,11 @@ from ground import _core
 from ground.analysis import window_error
 from ground.analysis.likelihood import call
 from ground.recordings import headings, windows
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import GroundError
 
 MIN_POSES = 10  # intervals between poses in the shortest horizon
 WARM_UP = 0.5  # time before a start that its initial velocities are fitted to [horizons]
-MIN_STARTS = 4  # in all runs
-MAX_STARTS = 160
-SHOWN = 40  # predictions for a report, and on artificial recordings
-DRAWS = 4  # artificial recordings of each run
-# A change of predicted poses matters from this multiple of the noise of a pose on: it can be seen without
-# statistics (Rose's criterion). More data make an effect more certain, not larger. For a palm-sized craft a
-# delay of 1.4 ms reaches it.
-MIN_CHANGE = 5.0
 
 ModelsAt = Callable[[Sequence[_core.Window]], Sequence[_core.Model]]  # a model for each of some windows
 
@@ -35,23 +27,20 @@ def same(model: _core.Model) -> ModelsAt:
 
 def horizon(runs: Sequence[_core.RunData], model: _core.Model) -> float:
     """Time [s] in which full thrust moves a craft by some lengths or turns it round: 1 s for a
-    palm-sized hovercraft, 10 s for a free-flyer. Long enough for some poses, and short enough for some
-    starts in the runs. Diagnoses use that of the given model for all models."""
-    usual = _core.time_scale(model)
-    step = float(np.median(np.concatenate([np.diff(np.array(run.times)) for run in runs])))
-    return _shortened(runs, max(usual, MIN_POSES * step), MIN_POSES * step)
-
-
-def _shortened(runs: Sequence[_core.RunData], seconds: float, least: float) -> float:
-    """The longest time up to some seconds after which runs have enough starts(); `least` if none has."""
+    palm-sized hovercraft, 10 s for a free-flyer. Long enough for some poses, and short enough for a start in
+    each part that may be held out. Diagnoses use that of the given model for all models."""
+    least = MIN_POSES * float(np.median(np.concatenate([np.diff(np.array(run.times)) for run in runs])))
+    seconds = _core.time_scale(model)
     while seconds > least:
-        if sum(len(_starts_in(run, i, seconds)) for i, run in enumerate(runs)) >= MIN_STARTS:
+        if sum(len(_starts_in(run, i, seconds)) for i, run in enumerate(runs)) >= window_error.PARTS:
             return seconds
         seconds = _core.rounded_time(0.45 * seconds)
     return least
 
 
-def starts(runs: Sequence[_core.RunData], seconds: float, most: float = MAX_STARTS) -> List[_core.Window]:
+def starts(
+    runs: Sequence[_core.RunData], seconds: float, most: float = window_error.MAX_WINDOWS
+) -> List[_core.Window]:
     """Stretches of runs (_core.RunData) that end a horizon of some seconds after a start. They begin
     where the fit of the initial state does, and overlap. GroundError when no run is long enough."""
     found = [w for i, run in enumerate(runs) for w in _starts_in(run, i, seconds)]
@@ -75,12 +64,16 @@ class Starts:
         except GroundError:
             return cls((), seconds)
 
+    @property
+    def of_run(self) -> Indices:
+        """The run (n,) of each."""
+        return np.array([window.run for window in self.windows])
+
     def errors(self, runs: Sequence[_core.RunData], models: Sequence[_core.Model]) -> Array:
         """pose_errors (n, 2) of models, one for each; infinite for a run in which a motion is not finite."""
         found = np.full((len(self.windows), 2), np.inf)
-        of_run = np.array([window.run for window in self.windows])
-        for i in np.unique(of_run):
-            at = np.flatnonzero(of_run == i).tolist()
+        for i in np.unique(self.of_run):
+            at = np.flatnonzero(self.of_run == i).tolist()
             own = [self.windows[k] for k in at]
             with contextlib.suppress(GroundError):
                 found[at] = pose_errors(runs, [models[k] for k in at], own, self.seconds)
@@ -195,19 +188,15 @@ def prediction_error(
     seconds: float,
     models: Mapping[str, ModelsAt],
     truth: _core.Model,
-    levels: Optional[Mapping[str, float]] = None,
 ) -> Optional[PredictionError]:
-    """The PredictionError of models by name, over starts() of runs; None where runs are too short.
-
-    truth: the model that makes the artificial recordings which show what noise leaves; levels: of the
-    disturbance of a likelihood, if they are known.
-    """
+    """The PredictionError of models by name, over starts() of runs; None where runs are too short. truth: see
+    with_floors."""
     at = Starts.of(runs, seconds)
     if not len(at.windows):
         return None
-    at = Starts(windows.spread(list(at.windows), SHOWN), seconds)
+    at = Starts(windows.spread(list(at.windows), window_error.FEW_WINDOWS), seconds)
     errors = {name: PoseError.of(at.errors(runs, own(at.windows))) for name, own in models.items()}
-    return with_floors(runs, at, errors, truth, levels)
+    return with_floors(runs, at, errors, truth)
 
 
 def with_floors(
@@ -217,20 +206,17 @@ def with_floors(
     truth: _core.Model,
     levels: Optional[Mapping[str, float]] = None,
 ) -> PredictionError:
-    """The PredictionError of known errors of models by name. truth, levels: see prediction_error."""
-    chosen = windows.spread(list(at.windows), SHOWN)
+    """The PredictionError of known errors of models by name. truth: the model that makes the artificial
+    recordings which show what noise leaves; levels: of the disturbance of a likelihood, if they are known."""
+    chosen = windows.spread(list(at.windows), window_error.FEW_WINDOWS)
 
     def floor_of(pushed: Optional[Mapping[str, float]]) -> PoseError:
-        return _or_not_finite(lambda: artificial_errors(runs, chosen, at.seconds, truth, pushed))
+        try:
+            return PoseError.of(artificial_errors(runs, chosen, at.seconds, truth, pushed))
+        except GroundError:
+            return PoseError(np.inf, np.inf)
 
     return PredictionError(at.seconds, dict(errors), floor_of(None), floor_of(levels) if levels else None)
-
-
-def _or_not_finite(errors: Callable[[], Array]) -> PoseError:
-    try:
-        return PoseError.of(errors())
-    except GroundError:
-        return PoseError(np.inf, np.inf)
 
 
 def artificial_errors(
@@ -240,10 +226,10 @@ def artificial_errors(
     model: _core.Model,
     levels: Optional[Mapping[str, float]],
 ) -> Array:
-    """pose_errors of a model on recordings of runs that it made, with noise and a disturbance of some
-    levels."""
+    """pose_errors of a model on four recordings of each run that it made, with noise and a disturbance of
+    some levels."""
     errors = []
-    for seed in range(DRAWS):
+    for seed in range(4):
         made = []
         for i, run in enumerate(runs):
             random = np.random.default_rng((seed, i))
@@ -288,9 +274,10 @@ def pose_noise(runs: Sequence[_core.RunData]) -> Array:
 
 
 def what_matters(runs: Sequence[_core.RunData]) -> Array:
-    """Least change of predicted position [mm] and heading [deg] that matters, (2,), if nobody says so:
-    MIN_CHANGE of the noise."""
-    return MIN_CHANGE * pose_noise(runs)
+    """Least change of predicted position [mm] and heading [deg] that matters, (2,), if nobody says so: five
+    times the noise of a pose, which can be seen without statistics (Rose's criterion). More data make an
+    effect more certain, not larger. For a palm-sized craft a delay of 1.4 ms reaches it."""
+    return 5 * pose_noise(runs)
 
 
 def apart(a: Array, b: Array) -> Array:

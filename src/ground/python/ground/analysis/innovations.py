@@ -9,12 +9,10 @@ import numpy as np
 
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.recordings import scatter, windows
-from ground.support.annotations import Array, Flags, Indices
+from ground.support.annotations import Array, Indices
 from ground.support.errors import GroundError
 
-STEP = 1e-3  # relative step of a parameter, for finite differences
-DELAY = 1e-3  # delay of all commands that counts as a change of a parameter [time scales]
-RESPONSE = 1.0  # time after which the response to a pulse is cut [time scales]
+STEP = 1e-3  # relative step of a parameter, and delay of all commands [time scales], for finite differences
 
 
 class Innovations:
@@ -27,7 +25,7 @@ class Innovations:
     def __init__(self, likelihood: Likelihood, fit: Fit) -> None:
         self.likelihood, self.fit = likelihood, fit
         runs = range(len(likelihood.runs))
-        self._scored = [self._scored_samples(i) for i in runs]
+        self._scored = [np.array(likelihood.residuals(fit.point, i)["scored"], bool) for i in runs]
         self._wide = [3 if run.inertial is None else 6 for run in likelihood.runs]  # numbers a sample
         self.rows = np.cumsum([0] + [w * int(scored.sum()) for w, scored in zip(self._wide, self._scored)])
         innovations = [self._innovations(likelihood, fit, i) for i in runs]
@@ -35,7 +33,10 @@ class Innovations:
         J = J / np.maximum(np.sqrt((J**2).sum(axis=0)), 1e-300)
         left, sizes, _ = np.linalg.svd(J, full_matrices=False)
         self._left = left[:, sizes > 1e-6 * sizes.max()]
-        self.y = self.projected(np.concatenate([e + self._of_known(i) for i, e in zip(runs, innovations)]))
+        for i, run in enumerate(likelihood.runs):
+            if len(run.wrench):
+                innovations[i] = innovations[i] + self._responses(i, np.array(run.wrench)[:, :, None])[:, 0]
+        self.y = self.projected(np.concatenate(innovations))
 
     def projected(self, values: Array) -> Array:
         """Values (rows, ...) without what the parameters can follow."""
@@ -49,43 +50,33 @@ class Innovations:
         """Change (rows, k) of the innovations by wrenches (n, 3, k) along each run, not projected."""
         return np.vstack([self._responses(i, w) for i, w in enumerate(wrenches)])
 
-    def _scored_samples(self, i: int) -> Flags:
-        return np.array(self.likelihood.residuals(self.fit.point, i)["scored"], bool)
-
     def _responses(self, i: int, wrench: Array) -> Array:
         """Change of the scored innovations of a run by wrenches (n, 3, k), (rows, k)."""
         acting = wrench.transpose(0, 2, 1).reshape(len(wrench), -1)
         left = self.likelihood.residuals(self.fit.point, i, acting=acting)
         return np.asarray(left["responses"][np.repeat(self._scored[i], self._wide[i])])
 
-    def _of_known(self, i: int) -> Array:
-        wrench = np.array(self.likelihood.runs[i].wrench)
-        if not len(wrench):
-            return np.zeros(self._wide[i] * int(self._scored[i].sum()))
-        return np.asarray(self._responses(i, wrench[:, :, None])[:, 0])
-
     def scores(self, random: int) -> List[Array]:
         """Scores (n, 3, 1 + random) of a unit wrench at each sample of each run, whose response is cut
-        after RESPONSE: by the innovations, and by random ones as they are without an effect."""
+        after a time scale: by the innovations, and by random ones as they are without an effect."""
         drawn = np.random.default_rng(random).normal(size=(len(self.y), random))
         Y = np.column_stack([self.y, self.projected(drawn)])
         return [self._scores_of(i, Y[a:b]) for i, (a, b) in enumerate(zip(self.rows[:-1], self.rows[1:]))]
 
     def _scores_of(self, i: int, Y: Array) -> Array:
-        times, scored = np.array(self.likelihood.runs[i].times), self._scored[i]
-        cut = RESPONSE * windows.time_scale(self.likelihood.runs)
-        apart = min(len(times), max(1, int(round(cut / scatter.interval(times)))))
-        pulses = np.zeros((len(times), 3, 3 * apart))
+        times, scored, wide = np.array(self.likelihood.runs[i].times), self._scored[i], self._wide[i]
+        apart = round(windows.time_scale(self.likelihood.runs) / scatter.interval(times))
+        apart = min(len(times), max(1, apart))
+        pulses = np.zeros((len(times), 3, 3, apart))
         for c, first in itertools.product(range(3), range(apart)):
-            pulses[first::apart, c, c * apart + first] = 1.0
-        wide = self._wide[i]
-        responses = np.zeros((len(times), wide, 3 * apart))
-        responses[scored] = self._responses(i, pulses).reshape(-1, wide, 3 * apart)
-        targets = np.zeros((len(times), wide, Y.shape[1]))
+            pulses[first::apart, c, c, first] = 1.0
+        responses, targets = np.zeros((len(times), wide, 3, apart)), np.zeros((len(times), wide, Y.shape[1]))
+        pulses = pulses.reshape(len(times), 3, -1)
+        responses[scored] = self._responses(i, pulses).reshape(-1, wide, 3, apart)
         targets[scored] = Y.reshape(-1, wide, Y.shape[1])
         scores = np.empty((len(times), 3, Y.shape[1]))
         for c, first in itertools.product(range(3), range(apart)):
-            products = np.einsum("ij,ijk->ik", responses[:, :, c * apart + first], targets)
+            products = np.einsum("ij,ijk->ik", responses[:, :, c, first], targets)
             scores[first::apart, c] = np.add.reduceat(products, np.arange(first, len(times), apart))
         return scores
 
@@ -93,25 +84,23 @@ class Innovations:
         """Changes of the innovations of a run; 0 where one leaves no finite motion."""
         fit, run = self.fit, self.likelihood.runs[i]
         described = {p["name"]: p for p in fit.model.parameters()}
-        columns = []
+        changed = []
         for name in fit.free:
             value, p = fit.model.value(name), described[name]
-            if not np.isfinite(value):
-                continue
-            step = STEP * (abs(value) or p["scale"])
-            moved = fit.model.copy()
-            moved.set_value(name, value + step if value + step <= p["upper"] else value - step)
-            columns.append(innovations)
-            with contextlib.suppress(GroundError):
-                columns[-1] = self._innovations(self.likelihood, replace(fit, model=moved), i)
-        rows = np.array(run.inputs)
-        rows[:, 0] += DELAY * windows.time_scale([run])
-        late = run.replaced(inputs=rows)
+            if np.isfinite(value):
+                step = STEP * (abs(value) or p["scale"])
+                model = fit.model.copy()
+                model.set_value(name, value + step if value + step <= p["upper"] else value - step)
+                changed.append((self.likelihood, replace(fit, model=model), i))
+        late = np.array(run.inputs)
+        late[:, 0] += STEP * windows.time_scale([run])
         alone = replace(fit, loudness=fit.loudness[i : i + 1])
-        columns.append(innovations)
-        with contextlib.suppress(GroundError):
-            columns[-1] = self._innovations(Likelihood([late], self.likelihood.craft), alone, 0)
-        return np.column_stack([innovations - column for column in columns])
+        changed.append((Likelihood([run.replaced(inputs=late)], self.likelihood.craft), alone, 0))
+        columns = np.zeros((len(innovations), len(changed)))
+        for k, other in enumerate(changed):
+            with contextlib.suppress(GroundError):
+                columns[:, k] = innovations - self._innovations(*other)
+        return columns
 
     @staticmethod
     def _innovations(likelihood: Likelihood, fit: Fit, run: int) -> Array:

@@ -13,7 +13,7 @@ Standard errors are those of blocks of time or those of parts of the runs, the l
 predictions are alike, and a run may be special.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Sequence, Tuple
 
 import numpy as np
@@ -21,10 +21,7 @@ import numpy as np
 from ground.analysis.horizon import PoseError
 from ground.support.annotations import Array, Indices
 
-BETTER, UNDECIDED, WORSE = "better", "undecided", "worse"  # verdicts of a Comparison
 DEVIATIONS = 2.0  # standard errors of a veto and of a proof
-TOGETHER = 3  # successive predictions of a block: they overlap
-MIN_PARTS = 3  # from which on parts of the data show how much they differ
 
 
 @dataclass(frozen=True)
@@ -38,14 +35,14 @@ class Tested:
     @property
     def error(self) -> PoseError:
         """Root mean square of the errors."""
-        return PoseError(*_rms(self).tolist())
+        return PoseError(*_rms(self.poses).tolist())
 
 
 @dataclass(frozen=True)
 class Comparison:
     """Paired comparison of two hypotheses on held-out data: of the larger one, and of the smaller one."""
 
-    verdict: str  # BETTER, UNDECIDED or WORSE with the larger one
+    verdict: str  # better, undecided or worse with the larger one
     gain: float  # rise of the log-likelihood; not a number where it is not known
     gain_error: float  # its standard error
     rise: float  # relative rise of the squared errors of position and heading; see _rise
@@ -54,12 +51,12 @@ class Comparison:
     @property
     def is_worse(self) -> bool:
         """Whether the larger hypothesis is vetoed."""
-        return self.verdict == WORSE
+        return self.verdict == "worse"
 
     @property
     def is_better(self) -> bool:
         """Whether the larger hypothesis is proved."""
-        return self.verdict == BETTER
+        return self.verdict == "better"
 
     @property
     def is_likely(self) -> bool:
@@ -71,29 +68,26 @@ def compared(larger: Tested, smaller: Tested, matters: Array) -> Comparison:
     """The Comparison of two hypotheses. matters: least change of position [mm] and heading [deg] that
     matters, (2,)."""
     gain, gain_error = _gain(larger, smaller)
-    rise, rise_error, deviations = _rise(larger, smaller)
-    falls = bool((_rms(larger) < _rms(smaller) - matters).any())
+    rise, rise_error, deviations = _rise(larger.poses, smaller.poses, larger.part_of)
+    falls = bool((_rms(larger.poses) < _rms(smaller.poses) - matters).any())
     is_large = not falls and any(_rises(larger, smaller, c, matters[c]) for c in range(len(matters)))
+    verdict = "undecided"
     if rise > 0 and (is_large or deviations > DEVIATIONS):
-        verdict = WORSE
+        verdict = "worse"
     elif (rise < 0 and -deviations > DEVIATIONS) or gain > DEVIATIONS * gain_error:
-        verdict = BETTER
-    else:
-        verdict = UNDECIDED
+        verdict = "better"
     return Comparison(verdict, gain, gain_error, rise, rise_error)
 
 
-def _rms(one: Tested) -> Array:
-    """Root mean square of the errors, (2,)."""
-    return (
-        np.asarray(np.sqrt(np.mean(one.poses**2, axis=0))) if len(one.poses) else np.zeros(one.poses.shape[1])
-    )
+def _rms(poses: Array) -> Array:
+    """Root mean square of errors (starts, k), (k,)."""
+    return np.asarray(np.sqrt((poses**2).sum(axis=0) / max(1, len(poses))))
 
 
 def _rises(larger: Tested, smaller: Tested, component: int, matters: float) -> bool:
     """Whether errors of position or heading rise by more than chance and than what matters."""
-    a, b = (replace(one, poses=one.poses[:, [component]]) for one in (larger, smaller))
-    rise, error, deviations = _rise(a, b)
+    a, b = (one.poses[:, [component]] for one in (larger, smaller))
+    rise, error, deviations = _rise(a, b, larger.part_of)
     return rise > error and deviations > 1 and bool(_rms(a) > _rms(b) + matters)
 
 
@@ -104,45 +98,36 @@ def _gain(larger: Tested, smaller: Tested) -> Tuple[float, float]:
     sums = [float(np.concatenate(one.likelihood).sum()) for one in (larger, smaller)]
     if not np.isfinite(sums).all():  # the motion is not finite with one of them, or with both
         return (sums[0] - sums[1] if sums[0] != sums[1] else -np.inf), 0.0
-    parts = [b - w for b, w in zip(larger.likelihood, smaller.likelihood)]
-    return sums[0] - sums[1], _error_of_sum(parts)
+    return sums[0] - sums[1], _error_of_sum([b - w for b, w in zip(larger.likelihood, smaller.likelihood)])
 
 
-def _rise(larger: Tested, smaller: Tested) -> Tuple[float, float, float]:
-    """Relative rise of the squared errors; its standard error, that of a ratio of means (Cochran 1977,
-    section 6.4), of the smaller over the larger mean, so that hypotheses may change places; and how many
-    standard errors the rise of blocks is above zero, each relative to what both leave in it: few blocks with
-    large errors do not decide."""
-    if not len(larger.poses):
+def _rise(larger: Array, smaller: Array, part_of: Indices) -> Tuple[float, float, float]:
+    """Relative rise of the squared errors (starts, k); its standard error, that of a ratio of means (Cochran
+    1977, section 6.4), of the smaller over the larger mean, so that hypotheses may change places; and how
+    many standard errors the rise of blocks of three successive starts, which overlap, is above zero, each
+    relative to what both leave in it: few blocks with large errors do not decide."""
+    if not len(larger):
         return 0.0, np.inf, 0.0
-    if not np.isfinite(larger.poses).all() or not np.isfinite(smaller.poses).all():
-        return (-np.inf, 0.0, -np.inf) if np.isfinite(larger.poses).all() else (np.inf, 0.0, np.inf)
+    if not np.isfinite(larger).all() or not np.isfinite(smaller).all():
+        return (-np.inf, 0.0, -np.inf) if np.isfinite(larger).all() else (np.inf, 0.0, np.inf)
     scale = np.maximum(_rms(larger) * _rms(smaller), 1e-12)
-    parts = [larger.part_of == part for part in np.unique(larger.part_of)]
+    parts = [np.flatnonzero(part_of == part) for part in np.unique(part_of)]
     blocks = [
-        [_blocks((one.poses[part] ** 2 / scale).sum(axis=1)) for part in parts] for one in (larger, smaller)
+        [np.add.reduceat((poses[at] ** 2 / scale).sum(axis=1), np.arange(0, len(at), 3)) for at in parts]
+        for poses in (larger, smaller)
     ]
     a, b = (float(np.concatenate(found).sum()) for found in blocks)
     ratio = a / max(b, 1e-300)
     off = [(p - ratio * q) / (max(ratio, 1.0) * b) for p, q in zip(*blocks)]
     rises = [(p - q) / np.maximum(p + q, 1e-300) for p, q in zip(*blocks)]
-    error = _error_of_sum(rises)
-    deviations = float(np.concatenate(rises).sum()) / max(error, 1e-300)
+    deviations = float(np.concatenate(rises).sum()) / max(_error_of_sum(rises), 1e-300)
     return ratio - 1, _error_of_sum(off), deviations
 
 
-def _blocks(values: Array) -> Array:
-    """Sums of successive values."""
-    return np.array([values[i : i + TOGETHER].sum() for i in range(0, len(values), TOGETHER)])
-
-
 def _error_of_sum(parts: Sequence[Array]) -> float:
-    """Standard error of the sum of values in parts of data; infinite where it is not known."""
-    values = np.concatenate(parts)
-    if len(values) < 2:
+    """Standard error of the sum of values in parts of data, of which three or more show how much they differ;
+    infinite where it is not known."""
+    sums = [np.concatenate(parts), np.array([part.sum() for part in parts])][: 1 + (len(parts) > 2)]
+    if len(sums[0]) < 2:
         return np.inf
-    found = float(values.std(ddof=1) * np.sqrt(len(values)))
-    if len(parts) >= MIN_PARTS:
-        sums = np.array([part.sum() for part in parts])
-        found = max(found, float(sums.std(ddof=1) * np.sqrt(len(sums))))
-    return found
+    return max(float(values.std(ddof=1) * np.sqrt(len(values))) for values in sums)

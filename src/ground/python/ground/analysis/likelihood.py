@@ -7,7 +7,7 @@ differ from run to run, white noise of the poses.
 Parameters and levels are fitted together.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 import numpy as np
@@ -21,10 +21,26 @@ from ground.support.errors import core_errors
 _T = TypeVar("_T")
 
 CAP = 25.0  # squared Mahalanobis distance above which a pose counts as noisier
-BLOCK = 2 / 3  # length of a block of time, for standard errors [windows]
 LEAST_GAIN = 0.01  # of the log-posterior, below which a fit ends
 ABSENT = 1e-3  # share of a usual level that has no effect
-VARYING = frozenset(["trim_X", "trim_Y", "trim_N", "thrust"])  # levels of differences between runs
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A wrench on a channel, or the thrust, that may differ from run to run."""
+
+    parameter: str
+    unit: str
+    level: str  # name of its level in DisturbanceLevels
+    time: str  # name of the correlation time of the random wrench on the same channel, or ""
+
+
+KINDS = (
+    Kind("surge force", "N", "trim_X", "time_X"),
+    Kind("side force", "N", "trim_Y", "time_Y"),
+    Kind("yaw moment", "N m", "trim_N", "time_N"),
+    Kind("thrust", "-", "thrust", ""),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +55,19 @@ class Fit:
     by_run: Array  # (runs,) log-likelihood
     information: Array  # (free, free) Fisher information, of coordinates / scale
     scale: Array  # (free,) scale of the coordinates
-    parameters: Tuple[Document, ...]  # name, unit, value, ci95, deviation, at_bound, identified
+    parameters: Sequence[Document]  # name, unit, value, ci95, deviation, at_bound, identified
     level_information: Array  # Fisher information of the levels' logs, then of each run's loudness
-    trims: Tuple[Document, ...]  # one for each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
+    trims: Sequence[Document]  # one for each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
     converged: bool
 
     @property
     def point(self) -> _core.GreyBoxPoint:
         """Model, levels and loudness as the core takes them."""
         return _core.GreyBoxPoint(self.model, self.levels, list(self.loudness))
+
+    def of_runs(self, kind: str = "") -> Array:
+        """What is constant in each run, (runs, 4), in the order of KINDS; kind: "_sigma": its deviations."""
+        return np.array([[*trim["wrench" + kind], trim["thrust" + kind]] for trim in self.trims])
 
     def ratio_without(self, effect: str) -> float:
         """Log-likelihood ratio 2 (L1 - L0) to the model without an effect, by the information
@@ -73,23 +93,24 @@ def is_reciprocal(parameter: Document) -> bool:
 
 class Likelihood:
     """Runs (_core.RunData), thinned, under models with a disturbance. craft: _core.Model whose
-    full thrust scales the priors of the levels; varying: levels of what may differ between runs;
-    threads: number of them in a fit."""
+    full thrust scales the priors of the levels; varying: levels of what may differ between runs (all of
+    KINDS); threads: number of them in a fit."""
 
     def __init__(
         self,
         runs: Sequence[_core.RunData],
         craft: _core.Model,
-        varying: Iterable[str] = VARYING,
+        varying: Optional[Iterable[str]] = None,
         threads: int = 1,
     ) -> None:
         self.runs = [thinned(run) for run in runs]
         self.craft = craft
-        self.varying = frozenset(varying)
+        levels = [kind.level for kind in KINDS]
+        self.varying = frozenset(levels if varying is None else varying)
         self.threads = threads
         self.box = call(_core.GreyBox, self.runs, craft)
         usual = self.box.start(craft).levels
-        self.absent = {level: ABSENT * usual[level] for level in VARYING - self.varying}
+        self.absent = {level: ABSENT * usual[level] for level in levels if level not in self.varying}
 
     def fit(
         self,
@@ -121,20 +142,10 @@ class Likelihood:
             threads=self.threads,
             least_gain=least_gain,
         )
-        return Fit(
-            found["point"].model,
-            found["point"].levels,
-            tuple(found["point"].log_scales),
-            tuple(free),
-            found["log_posterior"],
-            np.array(found["by_run"]),
-            np.array(found["information"]),
-            np.array(found["scale"]),
-            tuple(found["parameters"]),
-            np.array(found["level_information"]),
-            tuple(found["trims"]),
-            found["converged"],
-        )
+        at = found["point"]
+        own = {field.name: found[field.name] for field in fields(Fit) if field.name in found}
+        own.update({name: np.array(found[name]) for name in ("by_run", "scale")})
+        return Fit(at.model, at.levels, tuple(at.log_scales), tuple(free), **own)
 
     def intervals(self, fit: Fit) -> List[Document]:
         """The fitted parameters, with 95% intervals that include the uncertainty of the levels: a
@@ -152,12 +163,11 @@ class Likelihood:
     def blocks(self, fit: Fit, loudness: Sequence[float] = ()) -> List[Array]:
         """Log-likelihood of blocks of time under another fit, one array per run. Raises GroundError
         when the motion is not finite."""
-        point = _core.GreyBoxPoint(fit.model, fit.levels, list(loudness))
-        return call(self.box.likelihood, point, cap=CAP, block=self._block, threads=self.threads)
-
-    @property
-    def _block(self) -> float:
-        return BLOCK * windows.length(self.runs)
+        point, block = (
+            _core.GreyBoxPoint(fit.model, fit.levels, list(loudness)),
+            windows.time_scale(self.runs),
+        )
+        return call(self.box.likelihood, point, cap=CAP, block=block, threads=self.threads)
 
     def constants(self, fit: Fit, run: int) -> Tuple[Array, Array]:
         """Wrench X, Y [N], N [N m] and relative change of thrust that are constant in a run, as
@@ -174,20 +184,11 @@ class Likelihood:
         """Derivatives of the log-likelihood at a fit with respect to parameters of an extended
         model, which are neutral: score (blocks, n), information (n, n), scale (n,), run
         (blocks,)."""
-        point = _core.GreyBoxPoint(model, fit.levels, list(fit.loudness))
-        return self._scores(self.box, point, names)
-
-    def scores_of(self, fit: Fit, run: int) -> Dict[str, Array]:
-        """Derivatives of the log-likelihood of one run at a fit to all with respect to the fitted parameters,
-        as scores() has them."""
-        box = call(_core.GreyBox, [self.runs[run]], self.craft)
-        point = _core.GreyBoxPoint(fit.model, fit.levels, list(fit.loudness[run : run + 1]))
-        return self._scores(box, point, fit.free)
-
-    def _scores(
-        self, box: _core.GreyBox, point: _core.GreyBoxPoint, names: Sequence[str]
-    ) -> Dict[str, Array]:
-        found = call(box.scores, point, list(names), cap=CAP, block=self._block, threads=self.threads)
+        point, block = (
+            _core.GreyBoxPoint(model, fit.levels, list(fit.loudness)),
+            windows.time_scale(self.runs),
+        )
+        found = call(self.box.scores, point, list(names), cap=CAP, block=block, threads=self.threads)
         return {key: np.array(value) for key, value in found.items()}
 
 

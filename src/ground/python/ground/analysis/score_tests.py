@@ -25,29 +25,19 @@ class ScoreTests:
         extended = fit.model
         for candidate in candidates:
             extended = candidate.neutral(extended)
-        nuisance = list(fit.free)
-        described = {c.name: effects.seen_alone(extended, c.name) for c in candidates}
-        names = [p["name"] for c in candidates for p in described[c.name]]
-        found = likelihood.scores(fit, extended, nuisance + names)
-        self.extended = extended
-        self.nuisance = nuisance
-        self.scale = found["scale"][len(nuisance) :]
-        self.nuisance_scale = found["scale"][: len(nuisance)]
-        self.columns = {c.name: [names.index(p["name"]) for p in described[c.name]] for c in candidates}
-        self.names = names
+        tested = [p for c in candidates for p in effects.seen_alone(extended, c.name)]
+        self.names = [p["name"] for p in tested]
+        own = [name.split(".")[0] for name in self.names]
+        self.columns = {c.name: [i for i, name in enumerate(own) if name == c.name] for c in candidates}
         # Sign that a coordinate's step must have where the neutral value is a bound.
-        self.side = np.array([_side(p) for c in candidates for p in described[c.name]])
-        self._project(found, len(nuisance))
-
-    def _project(self, found: Mapping[str, Array], count: int) -> None:
-        """Scores and information with the nuisance parameters projected out."""
+        self.side = np.array([_side(p) for p in tested])
+        found = likelihood.scores(fit, extended, [*fit.free, *self.names])
+        n, s = slice(0, len(fit.free)), slice(len(fit.free), None)
+        self.nuisance, self.nuisance_scale, self.scale = fit.free, found["scale"][n], found["scale"][s]
         A, blocks = found["information"], found["score"]
-        n, s = slice(0, count), slice(count, None)
-        self.onto = solve(A[n, n], A[n, s])
-        self.raw = np.diag(A)[s]
+        self.onto, self.raw = solve(A[n, n], A[n, s]), np.diag(A)[s]
         self.information = A[s, s] - A[s, n] @ self.onto
-        self.blocks = blocks[:, s] - blocks[:, n] @ self.onto
-        self.score = self.blocks.sum(axis=0)
+        self.score = (blocks[:, s] - blocks[:, n] @ self.onto).sum(axis=0)
 
     def seen(self, name: str) -> float:
         """Share of the information that the fitted parameters cannot take over, of the effect's
@@ -73,41 +63,31 @@ class ScoreTests:
     def estimates(self, model: _core.Model, name: str, step: Mapping[str, float]) -> List[Document]:
         """Parameters of an effect after the step of its score test: dictionaries as of a fit."""
         found: List[Document] = []
-        seen = dict(zip((self.names[i] for i in self.columns[name]), self.columns[name]))
+        known = {self.names[i]: i for i in self.columns[name] if self.information[i, i] > 0}
         for p in effects.parameters_of(model, name):
-            i = seen.get(p["name"])
             value = moved(p, p["neutral"], step.get(p["name"], 0.0))
-            identified = i is not None and self.information[i, i] > 0 and self.seen(name) > UNSEEN
-            spread = self.scale[i] / np.sqrt(self.information[i, i]) if identified else np.inf
-            ends = [moved(p, value, x * 1.96 * spread) for x in (-1, 1)] if identified else None
-            ci95 = (min(ends), max(ends)) if ends else (p["lower"], p["upper"])
-            found.append(
-                {
-                    "name": p["name"],
-                    "unit": p["unit"],
-                    "value": value,
-                    "ci95": ci95,
-                    "deviation": float(spread),
-                    "identified": bool(identified),
-                }
-            )
+            deviation, ci95 = np.inf, (p["lower"], p["upper"])
+            if p["name"] in known and self.seen(name) > UNSEEN:
+                i = known[p["name"]]
+                deviation = float(self.scale[i] / np.sqrt(self.information[i, i]))
+                low, high = (moved(p, value, side * 1.96 * deviation) for side in (-1, 1))
+                ci95 = min(low, high), max(low, high)
+            told = {"name": p["name"], "unit": p["unit"], "value": value, "ci95": ci95}
+            found.append({**told, "deviation": deviation, "identified": bool(np.isfinite(deviation))})
         return found
 
     def test(self, names: Iterable[str]) -> Tuple[float, Dict[str, float]]:
         """Expected log-likelihood ratio 2 (L1 - L0) of effects together, and the step that reaches
         it: (gain, step by parameter name in coordinates)."""
-        at = np.array([i for name in names for i in self.columns[name]], int)
-        moving = at
+        moving = np.array([i for name in names for i in self.columns[name]], int)
         while len(moving):
             step = solve(self.information[np.ix_(moving, moving)], self.score[moving])
             allowed = self.side[moving] * step >= 0
             if allowed.all():
-                break
+                steps = {self.names[i]: float(x * self.scale[i]) for i, x in zip(moving, step)}
+                return float(self.score[moving] @ step), steps
             moving = moving[allowed]
-        if not len(moving):
-            return 0.0, {}
-        gain = float(self.score[moving] @ step)
-        return gain, {self.names[i]: float(x * self.scale[i]) for i, x in zip(moving, step)}
+        return 0.0, {}
 
 
 def moved(parameter: Document, value: float, by: float) -> float:

@@ -7,30 +7,23 @@ number of effects.
 """
 
 import itertools
-from typing import (
-    Callable,
-    Dict,
-    FrozenSet,
-    List,
-    Optional,
-    Sequence,
-    Set,
-    Tuple,
-)
+from dataclasses import dataclass
+from typing import Callable, Dict, FrozenSet, List, Mapping, Optional, Sequence, Set, Tuple
 
-from scipy import special
+import numpy as np
 
-from ground.analysis import candidates as effects
-from ground.analysis.likelihood import Fit
-from ground.analysis.refits import Fitting
-from ground.analysis.score_tests import ScoreTests
-from ground.analysis.window_error import free_parameters
+from ground import _core
+from ground.analysis.candidates import Candidate, parameters_of, turned
+from ground.analysis.distributions import chi_squared_limit
+from ground.analysis.likelihood import LEAST_GAIN, Fit, Likelihood
+from ground.analysis.score_tests import ScoreTests, stepped
+from ground.analysis.window_error import FEW_WINDOWS, WindowFitter, free_parameters
 from ground.support.annotations import Each
+from ground.support.errors import GroundError
 from ground.support.progress import Work
 
 LEVEL = 0.01  # probability of choosing an effect although none is missing
-REFITTED = 4  # effects that are refitted in a step, best by score test first
-PAIRS = 2  # pairs that are refitted in a step
+REFITTED = 4  # effects that are refitted in a step, best by score test first, and half as many pairs
 MIN_BEST_GAIN = 0.3  # least expected gain of what may be the best addition, over the largest one
 MIN_GAIN = 3.0  # expected gain per parameter that a refit needs
 # An effect is tested for removal if its Wald ratio is below this multiple of its threshold. The Wald ratio
@@ -38,31 +31,38 @@ MIN_GAIN = 3.0  # expected gain per parameter that a refit needs
 WALD_MARGIN = 10.0
 RIVALS = 3  # effects that are tried in the place of a chosen one
 MIN_RIVAL_GAIN = 0.4  # least expected gain of a rival, relative to the chosen effect's
-# Log-likelihood ratio from which a rival is excluded. If the rival were true, so large a ratio would
-# have a probability of at most 0.4% (its root is the least number of standard deviations).
-EXCLUSION = 7.0
+COARSE = 0.2  # least gain (LEAST_GAIN) of fits of which the best is continued
+MAX_LOSS = 0.1  # loss of log-likelihood up to which two models do the same
+MIN_CHANGE = 0.05  # relative change of a parameter that has made room for an effect
+
+
+@dataclass(frozen=True)
+class LookAlike:
+    """An effect that on the runs does only what other parameters can do."""
+
+    name: str  # the effect's
+    fit: Fit  # the grown model with the effect at some size, all else refitted
+    moved: Tuple[str, ...]  # free parameters that changed to make room for the effect, most first
 
 
 class Search:
-    """Sets of effects added to a model, on the runs of a Likelihood. each: maps pieces of work over items, in
-    parallel if it can; work: told of what is done; holds(better, current): whether a grown set does better on
-    held-out data, too."""
+    """Sets of effects added to a model, on the runs of a Likelihood. candidates: the effects by name; each:
+    maps pieces of work over items, in parallel if it can; work: told of what is done; holds(better, current):
+    whether a grown set does better on held-out data, too."""
 
     def __init__(
         self,
-        fitting: Fitting,
+        likelihood: Likelihood,
+        given: _core.Model,
+        candidates: Mapping[str, Candidate],
         each: Each = map,
         work: Optional[Work] = None,
         holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
     ) -> None:
-        self.fitting = fitting
-        self.likelihood, self.given = fitting.likelihood, fitting.given
-        self.candidates = fitting.candidates
-        self._sizes: Dict[str, int] = {}  # parameters of an effect
-        self._thresholds: Dict[int, float] = {}  # by number of parameters
-        self.each = each
-        self.work = work or Work()
-        self.holds = holds
+        self.likelihood, self.given, self.candidates = likelihood, given, candidates
+        self.each, self.work, self.holds = each, work or Work(), holds
+        # number of parameters of each effect
+        self.sizes = {name: len(parameters_of(c.add(given), name)) for name, c in candidates.items()}
         self._swapped: Set[str] = set()  # effects that were tried to be swapped already
         # sets refuted by held-out data, by the smaller set
         self._refused: Dict[FrozenSet[str], List[FrozenSet[str]]] = {}
@@ -87,11 +87,9 @@ class Search:
             self.fits[current] = self.likelihood.fit(near.model, near.free, near)
             current = self._prune(current)
         while True:
-            better = self._grow(current)
+            better = self._grow(current) or self._swap(current)
             if better is None:
-                better = self._swap(current)
-                if better == current:
-                    return current
+                return current
             current = self._prune(better)
             self.work.note("with %s" % (", ".join(sorted(current)) or "no effect"))
 
@@ -110,22 +108,10 @@ class Search:
     def threshold(self, name: str) -> float:
         """Log-likelihood ratio that an effect has to reach. One that contains another one has to earn its
         place beside that one."""
-        size, inner = self._size(name), self.candidates[name].contains
-        if inner in self.candidates:
-            return self._threshold(self._size(inner)) + self._threshold(size - self._size(inner))
-        return self._threshold(size)
-
-    def _threshold(self, size: int) -> float:
-        if size not in self._thresholds:
-            chance = LEVEL / max(1, len(self.candidates))
-            self._thresholds[size] = float(special.chdtri(size, chance))
-        return self._thresholds[size]
-
-    def _size(self, name: str) -> int:
-        if name not in self._sizes:
-            model = self.candidates[name].add(self.given)
-            self._sizes[name] = len(effects.parameters_of(model, name))
-        return int(self._sizes[name])
+        inner, sizes = self.sizes.get(self.candidates[name].contains, 0), [self.sizes[name]]
+        if inner:
+            sizes = [inner, sizes[0] - inner]
+        return sum(chi_squared_limit(LEVEL / len(self.candidates), size) for size in sizes)
 
     def value(self, names: FrozenSet[str]) -> float:
         """Value by which sets are compared: the log-likelihood ratio to the model as it is, minus
@@ -133,75 +119,64 @@ class Search:
         return self.ratio(names, frozenset()) - sum(self.threshold(n) for n in names)
 
     def _grow(self, current: FrozenSet[str]) -> Optional[FrozenSet[str]]:
-        """A better set with another effect or pair; None without one."""
-        proposals = self._proposals(current)
-        for some in self._promising_first(current, proposals):
-            self._fit_all(current, some)
-            fitted = [current | set(p) for p in some if current | set(p) in self.fits]
-            better = [s for s in fitted if self.value(s) > self.value(current)]
+        """A better set with another effect or pair; None without one. What may be the best addition by its
+        score test is tried first."""
+        gains = {added: self.test_beside(current).test(added)[0] for added in self._proposals(current)}
+        least = MIN_BEST_GAIN * max(gains.values(), default=0.0)
+        for is_first in (True, False):
+            some = [added for added, gain in gains.items() if (gain >= least) == is_first]
+            better = [s for s in self._extend(current, some) if self.value(s) > self.value(current)]
             for best in sorted(better, key=self.value, reverse=True):
-                self.refine([best])
+                self._refine([best])
                 if self.holds(best, current):
                     return best
                 self._refused.setdefault(current, []).append(best)
         return None
-
-    def _promising_first(
-        self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]
-    ) -> List[List[Tuple[str, ...]]]:
-        """Proposals in two parts: those that may be the best by their score tests, and the others."""
-        tests = self.test_beside(current)
-        gains = {proposal: tests.test(proposal)[0] for proposal in proposals}
-        least = MIN_BEST_GAIN * max(gains.values(), default=0.0)
-        first = [p for p in proposals if gains[p] >= least]
-        return [first, [p for p in proposals if gains[p] < least]]
 
     def refused(self, current: FrozenSet[str]) -> List[FrozenSet[str]]:
         """Larger sets that are likelier than `current` but refuted by held-out data."""
         return self._refused.get(current, [])
 
     def _proposals(self, current: FrozenSet[str]) -> List[Tuple[str, ...]]:
-        tests = self.test_beside(current)
-        rest = list(tests.columns)
-        gains: Dict[Tuple[str, ...], float] = {(n,): tests.test((n,))[0] - self._size(n) for n in rest}
-        singles = sorted(gains, key=gains.__getitem__, reverse=True)
-        promising = [s for s in singles if gains[s] + self._size(s[0]) > MIN_GAIN * self._size(s[0])]
-        chosen = promising[:REFITTED]
-        base = self.fits[current]
-        unseen: List[Tuple[str, ...]] = [  # by score tests
-            (n,)
-            for n in rest
-            if (n,) not in chosen and (self.fitting.has_far_starts(n, base) or (current and tests.hidden(n)))
-        ]
-        pairs: Dict[Tuple[str, ...], float] = {}
-        for pair in itertools.combinations(rest, 2):
-            gain = tests.test(pair)[0] - sum(self._size(n) for n in pair)
-            alone = max(gains[(n,)] for n in pair)
-            needed = min(self.threshold(n) for n in pair)
-            if gain > alone + needed / 2:
-                pairs[pair] = gain
-        best = sorted(pairs, key=pairs.__getitem__, reverse=True)
-        least = max((gains[s] for s in chosen), default=0)
-        return chosen + unseen + [p for p in best if pairs[p] > least][:PAIRS]
+        """Effects and pairs that are worth a refit beside a set, and effects that score tests do not see."""
+        tests, base = self.test_beside(current), self.fits[current]
 
-    def _fit_all(self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]) -> None:
-        """Fits a set extended by each proposal."""
+        def excess(names: Tuple[str, ...]) -> float:
+            """Expected gain above that of effects that do nothing."""
+            return tests.test(names)[0] - sum(self.sizes[n] for n in names)
+
+        alone: Dict[Tuple[str, ...], float] = {(n,): excess((n,)) for n in tests.columns}
+        singles = [s for s in alone if alone[s] > (MIN_GAIN - 1) * self.sizes[s[0]]]
+        chosen = sorted(singles, key=alone.__getitem__, reverse=True)[:REFITTED]
+        unseen: List[Tuple[str, ...]] = [
+            (n,)
+            for n in tests.columns
+            if (n,) not in chosen and (self._has_far_starts(n, base) or (current and tests.hidden(n)))
+        ]
+        least = max((alone[s] for s in chosen), default=0)
+        pairs: Dict[Tuple[str, ...], float] = {}
+        for pair in itertools.combinations(tests.columns, 2):
+            gain, needed = excess(pair), min(self.threshold(n) for n in pair) / 2
+            if gain > least and gain > max(alone[(n,)] for n in pair) + needed:
+                pairs[pair] = gain
+        return chosen + unseen + sorted(pairs, key=pairs.__getitem__, reverse=True)[: REFITTED // 2]
+
+    def _extend(self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]) -> List[FrozenSet[str]]:
+        """A set extended by each proposal and fitted; without those whose motion is not finite. Fits end
+        early: see _refine."""
         wanted = [p for p in proposals if current | set(p) not in self.fits]
         base, tests = self.fits[current], self.test_beside(current)
-        fitted = self.each(lambda added: self.fitting.extended(base, tests, added), wanted)
-        for added, fit in zip(wanted, fitted):
+        for added, fit in zip(wanted, self.each(lambda added: self._extended(base, tests, added), wanted)):
             self.work.step()
             if fit is not None:
                 self.fits[current | set(added)] = fit
+        return [current | set(p) for p in proposals if current | set(p) in self.fits]
 
     def beside(self, current: FrozenSet[str], name: str) -> Optional[FrozenSet[str]]:
         """A set with another effect, fitted to the end; None where the motion is not finite with it."""
-        extended = current | {name}
-        self._fit_all(current, [(name,)])
-        if extended not in self.fits:
-            return None
-        self.refine([extended])
-        return extended
+        found = self._extend(current, [(name,)])
+        self._refine(found)
+        return found[0] if found else None
 
     def without(self, current: FrozenSet[str], name: str) -> FrozenSet[str]:
         """A set without one of its effects, fitted."""
@@ -209,23 +184,26 @@ class Search:
 
     def without_each(self, current: FrozenSet[str], names: Sequence[str]) -> List[FrozenSet[str]]:
         """Fitted sets, each without one of the effects."""
-        base, nominal = self.fits[current], self.fits[frozenset()]
+        base = self.fits[current]
         wanted = [name for name in names if current - {name} not in self.fits]
-        for name, fit in zip(wanted, self.each(lambda n: self.fitting.reduced(base, nominal, n), wanted)):
+        for name, fit in zip(wanted, self.each(lambda n: self._reduced(base, n), wanted)):
             self.fits[current - {name}] = fit
         return [current - {name} for name in names]
 
-    def refine(self, sets: Sequence[FrozenSet[str]]) -> None:
+    def _refine(self, sets: Sequence[FrozenSet[str]]) -> None:
         """Continues fits of sets, which end early while others are compared with them."""
-        for names, fit in zip(sets, self.each(lambda n: self.fitting.refined(self.fits[n]), sets)):
-            self.fits[names] = fit
+
+        def refined(names: FrozenSet[str]) -> Fit:
+            fit = self.fits[names]
+            return max([fit, *self._from_start(fit.model, fit)], key=lambda one: one.log_posterior)
+
+        self.fits.update(zip(sets, list(self.each(refined, sets))))
 
     def _prune(self, current: FrozenSet[str]) -> FrozenSet[str]:
         """Takes out effects as long as the set improves."""
         while True:
             doubtful = [n for n in sorted(current) if self.may_go(self.fits[current], n)]
-            others = self.without_each(current, doubtful)
-            best = max(others, key=self.value, default=current)
+            best = max(self.without_each(current, doubtful), key=self.value, default=current)
             if self.value(best) <= self.value(current):
                 return current
             current = best
@@ -234,33 +212,117 @@ class Search:
         """Whether a Fit may do without an effect, by its Wald ratio; a refit then decides."""
         return fit.ratio_without(name) < WALD_MARGIN * self.threshold(name)
 
-    def _swap(self, current: FrozenSet[str]) -> FrozenSet[str]:
-        """A better set with one effect replaced by another; the same set without one."""
+    def _swap(self, current: FrozenSet[str]) -> Optional[FrozenSet[str]]:
+        """A better set with one effect replaced by another; None without one."""
         names = sorted(current - self._swapped) if len(current) > 1 else []
         self._swapped |= set(names)
         self.without_each(current, names)
-        others = [s for name in names for s in self.swaps(current, name)]
+        others = [s for name in names for s in self._swaps(current, name)]
         best = max(others, key=self.value, default=current)
-        return best if self.value(best) > self.value(current) else current
+        return best if self.value(best) > self.value(current) else None
 
-    def swaps(self, current: FrozenSet[str], name: str) -> List[FrozenSet[str]]:
+    def _swaps(self, current: FrozenSet[str], name: str) -> List[FrozenSet[str]]:
         """Fitted sets in which another effect replaces the named one."""
         rest = self.without(current, name)
         tests = self.test_beside(rest)
         gains = {n: tests.test((n,))[0] for n in tests.columns}
         least = MIN_RIVAL_GAIN * gains.pop(name)
         names = sorted(gains, key=gains.__getitem__, reverse=True)[:RIVALS]
-        needed = {n: max(least, MIN_GAIN * self._size(n)) for n in names}
-        proposals = [(n,) for n in names if gains[n] > needed[n]]
-        self._fit_all(rest, proposals)
-        found = [rest | set(p) for p in proposals if rest | set(p) in self.fits]
-        self.refine(found)
+        found = self._extend(rest, [(n,) for n in names if gains[n] > max(least, MIN_GAIN * self.sizes[n])])
+        self._refine(found)
         return found
 
     def rivals(self, current: FrozenSet[str], name: str) -> List[str]:
-        """Effects that the data cannot distinguish from one of a set, the best first."""
+        """Effects that the data cannot distinguish from one of a set, the best first: were they true, so
+        large a log-likelihood ratio would not be rare."""
         by_rival = {}
-        for other in self.swaps(current, name):
+        for other in self._swaps(current, name):
             (rival,) = other - current
             by_rival[rival] = self.value(current) - self.value(other)
-        return [n for n in sorted(by_rival, key=by_rival.__getitem__) if by_rival[n] < EXCLUSION]
+        return [
+            n for n in sorted(by_rival, key=by_rival.__getitem__) if by_rival[n] < chi_squared_limit(LEVEL, 1)
+        ]
+
+    def look_alike(self, current: FrozenSet[str], name: str) -> Optional[LookAlike]:
+        """Adds an effect of typical size, or a part of it, to the model with the effects of a set, and
+        refits all else: a LookAlike if the likelihood stays the same, else None."""
+        fit, tests = self.fits[current], self.test_beside(current)
+        neutral, steps = self.candidates[name].neutral(fit.model), tests.in_place(name, 1.0)
+        for part in (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1):
+            try:
+                found = self.likelihood.fit(stepped(neutral, steps, part), fit.free, fit, levels=False)
+            except GroundError:
+                continue
+            if found.log_posterior > fit.log_posterior - MAX_LOSS:
+                values = np.array([[model.value(n) for n in fit.free] for model in (fit.model, found.model)])
+                ways = np.abs(np.diff(values, axis=0)[0]) / np.maximum(np.abs(values).max(axis=0), 1e-300)
+                order = np.argsort(-ways, kind="stable")
+                return LookAlike(name, found, tuple(fit.free[i] for i in order if ways[i] > MIN_CHANGE))
+        return None
+
+    # Single fits
+
+    def _extended(self, base: Fit, tests: ScoreTests, added: Sequence[str]) -> Optional[Fit]:
+        """The likeliest fit of a fitted set with added effects, from the steps of the score tests beside it
+        and the effects' own starts. None where no motion is finite."""
+        model = base.model
+        for name in added:
+            model = self.candidates[name].neutral(model)
+        found: List[Fit] = []
+        _, step = tests.test(added)
+        # where the test sees no more than what the fitted parameters do as well, all parts are the same
+        is_seen = step and not any(tests.hidden(name) for name in added)
+        for part in (1.0, 0.3, 0.1) if is_seen else (1.0,):
+            found += self._from_start(stepped(model, step, part), base, COARSE)
+            if found and found[-1].log_posterior > base.log_posterior + 1:
+                break
+        for name in added:
+            for part in (0.5, 0.2, -0.2) if tests.hidden(name) else ():  # of its typical size
+                found += self._from_start(stepped(model, tests.in_place(name, part)), base, COARSE)
+            if self._has_far_starts(name, base):
+                found += self._from_start(self._far_start(name, base, added), None, COARSE)
+        return max(found, key=lambda fit: fit.log_posterior) if found else None
+
+    def _reduced(self, base: Fit, name: str) -> Fit:
+        """The fit of a fitted set without one of its effects."""
+        model = base.model.copy()
+        model.remove_effect(name)
+        found = self._from_start(model, base)
+        if found:
+            return found[0]
+        neutral = self.nominal().model  # the others are unstable without it
+        for other in sorted(set(model.effects) & set(self.candidates)):
+            neutral = self.candidates[other].neutral(neutral)
+        return self.likelihood.fit(neutral, free_parameters(neutral), self.nominal())
+
+    def _from_start(
+        self, start: _core.Model, near: Optional[Fit], least_gain: float = LEAST_GAIN
+    ) -> List[Fit]:
+        """The fit from a start, as a list; an empty one where it cannot be simulated."""
+        try:
+            return [self.likelihood.fit(start, free_parameters(start), near, least_gain=least_gain)]
+        except GroundError:
+            return []
+
+    def _has_far_starts(self, name: str, base: Fit) -> bool:
+        """Whether an effect has minima far from its neutral parameters, and a fit leaves more to the
+        disturbance than fits start with."""
+        start = self.likelihood.box.start(self.likelihood.craft).levels
+        is_far = any(base.levels[level] > start[level] for level in ("sigma_X", "sigma_Y"))
+        first, *also = self.candidates[name].starts(self.given)
+        own = [p["name"] for p in parameters_of(first, name)]
+        return is_far and len([*turned(first, own), *also]) > 1
+
+    def _far_start(self, name: str, base: Fit, added: Sequence[str]) -> _core.Model:
+        """The model with an effect far from neutral from which a fit should start. The other parameters
+        may be far from the right ones, too; a quick fit by simulation error finds them."""
+        begun = base.model if set(base.model.effects) & set(self.candidates) else self.given
+        for other in added:
+            begun = begun if other == name else self.candidates[other].neutral(begun)
+        first, *also = self.candidates[name].starts(begun)
+        fitter = WindowFitter(self.likelihood.runs, threads=1, most=FEW_WINDOWS)
+        try:
+            model: _core.Model = fitter.whole(first, free_parameters(first), also)["model"]
+            return model
+        except GroundError:  # it cannot be simulated from any start
+            return first

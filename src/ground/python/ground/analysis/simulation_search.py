@@ -8,7 +8,6 @@ Forward steps, and a look back: each effect is fitted beside those found, the be
 the best of these stays if data that it was not fitted to show it, corrected for the number of effects tried.
 """
 
-from dataclasses import dataclass
 from typing import Callable, Dict, FrozenSet, List, Optional, Sequence
 
 import numpy as np
@@ -17,24 +16,11 @@ from ground import _core
 from ground.analysis.candidates import Candidate
 from ground.analysis.distributions import mean_not_above_zero
 from ground.analysis.judge import Comparison
-from ground.analysis.search import LEVEL
+from ground.analysis.search import LEVEL, REFITTED
 from ground.analysis.window_error import WindowFit, WindowFitter, channel_errors, free_parameters
 from ground.support.annotations import Each
 from ground.support.errors import GroundError
 from ground.support.progress import Work
-
-CROSSED = 4  # effects that are cross-validated in a step, best by the error of a fit to all windows first
-
-
-@dataclass(frozen=True)
-class Step:
-    """An effect that was added."""
-
-    added: str
-    fit: WindowFit  # with it, and with those before it
-    rest: WindowFit  # with all others
-    comparison: Comparison  # the final model with it and without it
-    p_value: float  # that the error does not fall, not corrected for the number of effects tried
 
 
 class SimulationSearch:
@@ -58,8 +44,9 @@ class SimulationSearch:
         self.work = work or Work()
         self.fits: Dict[FrozenSet[str], WindowFit] = {}  # cross-validated
 
-    def run(self) -> List[Step]:
-        """The steps from the model as it is; empty if none helps. GroundError when a motion is not finite."""
+    def run(self) -> List[str]:
+        """The effects in the order of their steps; empty if none helps. GroundError when a motion is not
+        finite."""
         self.fits[frozenset()] = self.fitter.fit(self.given, free_parameters(self.given))
         found: List[str] = []
         while True:
@@ -72,13 +59,13 @@ class SimulationSearch:
             whole = frozenset(found)
             if self._finite(whole - {name}) and not self._helps(whole, whole - {name}):
                 found.remove(name)
-        return self._steps(found)
+        return found
 
     def _next(self, found: Sequence[str]) -> Optional[str]:
         """The effect that lowers the error of held-out data most; None if none does for certain."""
         base = frozenset(found)
         fitted = self.each(lambda name: (self._error(base, name), name), sorted(set(self.candidates) - base))
-        ranked = sorted(result for result in self.work.each(fitted) if np.isfinite(result[0]))[:CROSSED]
+        ranked = sorted(result for result in self.work.each(fitted) if np.isfinite(result[0]))[:REFITTED]
         finite = self.each(lambda result: self._finite(base | {result[1]}), ranked)
         names = [name for (_, name), is_finite in zip(ranked, finite) if is_finite]
         better = [name for name in names if self._helps(base | {name}, base)]
@@ -97,57 +84,41 @@ class SimulationSearch:
         except GroundError:
             return np.inf
 
-    def _starts(self, base: FrozenSet[str], name: str) -> List[_core.Model]:
-        """The model with an effect beside others, at the values that fits start from: the fitted ones of the
-        others, and all as given, because a fit without an effect may be far from the right values with it."""
-        candidate, given = self.candidates[name], self.given
-        for other in sorted(base):
-            given = self.candidates[other].add(given)
-        return [*candidate.starts(self.fits[base].model), candidate.add(given)]
-
     def _finite(self, names: FrozenSet[str]) -> bool:
         """Whether a set of effects can be cross-validated."""
         try:
-            return bool(np.isfinite(self._fit(names).heldout).all())
+            return bool(np.isfinite(self.fit(names).heldout).all())
         except GroundError:
             return False
 
-    def _fit(self, names: FrozenSet[str]) -> WindowFit:
-        """A set of effects, cross-validated, from the fits of the sets that one effect more or less makes."""
+    def fit(self, names: FrozenSet[str]) -> WindowFit:
+        """A set of effects, cross-validated. It starts from the fits of the sets that one effect more or less
+        makes and, because a fit without an effect may be far from the right values with it, as given."""
         if names not in self.fits:
             starts: List[_core.Model] = []
             for base, fit in list(self.fits.items()):
-                if len(base ^ names) == 1:
-                    for name in names - base:
-                        starts += self._starts(base, name)
-                    for name in base - names:
-                        starts.append(fit.model.copy())
-                        starts[-1].remove_effect(name)
+                if base < names and len(names - base) == 1:
+                    (name,) = names - base
+                    starts += self.candidates[name].starts(fit.model)
+                    starts.append(self.given)
+                    for one in [*sorted(base), name]:
+                        starts[-1] = self.candidates[one].add(starts[-1])
+                elif names < base and len(base - names) == 1:
+                    (name,) = base - names
+                    starts.append(fit.model.copy())
+                    starts[-1].remove_effect(name)
             first, *also = starts
             self.fits[names] = self.fitter.fit(first, free_parameters(first), also)
         return self.fits[names]
 
+    def chance(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> float:
+        """Probability that the error of held-out data falls as much where an effect does not help."""
+        return mean_not_above_zero(self.fit(smaller).by_window - self.fit(larger).by_window)
+
     def _helps(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> bool:
-        """Whether held-out data show the effect by which two sets differ, and it matters."""
-        if self._chance(larger, smaller) >= LEVEL or not self._compared(larger, smaller).is_better:
+        """Whether held-out data show the effect by which two sets differ, for as many as were tried, and it
+        matters."""
+        if len(self.candidates) * self.chance(larger, smaller) >= LEVEL:
             return False
-        return self.matters(self.fits[smaller].model, self.fits[larger].model)
-
-    def _compared(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> Comparison:
-        return self.compared(self._fit(larger), self._fit(smaller))
-
-    def _chance(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> float:
-        """Probability that the error falls as much where no effect helps, for as many as were tried."""
-        return min(1.0, len(self.candidates) * self._alone(larger, smaller))
-
-    def _alone(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> float:
-        """The same for one effect."""
-        return mean_not_above_zero(self._fit(smaller).by_window - self._fit(larger).by_window)
-
-    def _steps(self, found: Sequence[str]) -> List[Step]:
-        steps, whole = [], frozenset(found)
-        for i, name in enumerate(found):
-            reached, rest = frozenset(found[: i + 1]), whole - {name}
-            chance, comparison = self._alone(whole, rest), self._compared(whole, rest)
-            steps.append(Step(name, self._fit(reached), self._fit(rest), comparison, chance))
-        return steps
+        a, b = self.fit(larger), self.fit(smaller)
+        return self.compared(a, b).is_better and self.matters(b.model, a.model)

@@ -7,16 +7,17 @@ the work. At full thrust its error is at most a fifth of the noise of heading, a
 acceleration a moves it by a T^2 / 24.
 """
 
+from typing import Union
+
 import numpy as np
 
 from ground import _core
 from ground.recordings import scatter, windows
-from ground.support.annotations import Array, Indices
+from ground.support.annotations import Array, Flags, Indices
 
 RATE = 50.0  # least rate after thinning [Hz], and per time scale of a slower craft ...
 TOLERANCE = 0.02  # ... up to this share, because steps are rounded: 200 Hz become 50 Hz, not 67 Hz
 ERROR = 0.2  # most error of a mean, in the noise of a pose
-STRONG = 99  # percentile of the accelerations that a run has [%]
 UNEVEN = 1.5  # a step longer than this multiple of the usual one separates groups
 
 
@@ -34,11 +35,11 @@ def thinned(run: _core.RunData) -> _core.RunData:
         return np.asarray(np.add.reduceat(np.array(values), groups, axis=0) / sizes[:, None])
 
     sizes = np.diff(np.append(groups, len(times)))
-    poses = mean(run.poses) if len(run.poses) else np.array(run.poses)
     noise = np.array(run.noise) / np.sqrt(count)
+    eta, nu, poses, wrench = (
+        mean(values) if len(values) else None for values in (run.eta, run.nu, run.poses, run.wrench)
+    )
     stamps = mean(times[:, None])[:, 0]
-    wrench = mean(run.wrench) if len(run.wrench) else None
-    eta, nu = mean(run.eta), mean(run.nu)
     return run.replaced(times=stamps, eta=eta, nu=nu, poses=poses, noise=noise, wrench=wrench)
 
 
@@ -50,9 +51,17 @@ def _span(run: _core.RunData) -> float:
     nu, along = np.array(run.nu), np.diff(np.array(run.times))
     turning = np.column_stack([-nu[:-1, 2] * nu[:-1, 1], nu[:-1, 2] * nu[:-1, 0], 0 * nu[:-1, 2]])
     accelerations = np.abs(np.diff(nu, axis=0) / along[:, None] + turning)
-    strong = np.maximum(np.percentile(accelerations, STRONG, axis=0), 1e-300)
+    strong = np.maximum(np.percentile(accelerations, 99, axis=0), 1e-300)
     error = ERROR * np.array(run.noise)
     return float(np.clip(np.sqrt(24 * error / strong).min(), least, most))
+
+
+def at_samples(run: _core.RunData, which: Union[slice, Flags]) -> _core.RunData:
+    """The run at some of its samples."""
+    eta, nu, poses = (
+        np.array(values)[which] if len(values) else None for values in (run.eta, run.nu, run.poses)
+    )
+    return run.replaced(times=np.array(run.times)[which], eta=eta, nu=nu, poses=poses)
 
 
 def by_poses_alone(run: _core.RunData) -> _core.RunData:

@@ -3,85 +3,51 @@
 import contextlib
 from dataclasses import astuple, dataclass, replace
 from functools import cached_property
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.analysis import (
-    bands,
-    between_runs,
-    ceiling,
-    folds,
-    horizon,
-    judge,
-    naming,
-    run_differences,
-    stages,
-    window_error,
-)
+from ground.analysis import bands, between_runs, ceiling, folds, horizon, judge, naming, window_error
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
-from ground.analysis.diagnosis import EXPLAINED, MISLEADS, Diagnosis
+from ground.analysis.diagnosis import EXPLAINED, Diagnosis
+from ground.analysis.folds import Judged
 from ground.analysis.horizon import PoseError, PredictionError
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import KINDS, Fit, Likelihood
 from ground.recordings import windows
-from ground.support.annotations import Document
+from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
-LENGTHS = (1.0, 1 / 3)  # of windows of the refits without effects, relative to those of the error
-LENGTHENED = 3  # formulas, each longer than the one before
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
-NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave something without a name
-SAID = ("unexplained", "memory")  # ... of which runs show that it is there
 # Largest share of the error that a smooth function of one kind may have beside `complete`
 SMALL = 0.35
-LIKELIHOOD, SIMULATION = "likelihood", "simulation"  # what a refit maximises or minimises
-
-
-@dataclass(frozen=True)
-class Refit:
-    """A model refitted in one way: as it is, which the gain of effects is measured against, or with the
-    effects found. Where something is missing, a fit by simulation error may predict better."""
-
-    by: str  # LIKELIHOOD or SIMULATION
-    model: _core.Model
-    parameters: Sequence[Document]
-    error: float  # on the runs fitted to
-    heldout: float  # on runs held out
-    tested: judge.Tested  # what it predicts of parts of the runs fitted to, each by a fit to the others
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """A model with an effect compared with the same model without it, on data that neither was fitted
-    to."""
-
-    fitted: judge.Comparison  # parts of the runs fitted to, each by a fit to the others
-    holdout: Optional[judge.Comparison]  # runs that the user held out; None without any
 
 
 @dataclass(frozen=True)
 class Conclusion:
-    """What a diagnosis concludes."""
+    """What a diagnosis concludes. Where something is missing, a fit by simulation error may predict better
+    than one by likelihood."""
 
     verdict: str  # complete, missing, varies, memory, unexplained, undecided or misread
-    before: Refit  # the best without further effects
-    after: Refit  # the improved model
+    before: Judged  # the best refit without further effects
+    after: Judged  # the improved model
     noise_floor: float
     steps: List[float]  # error on held-out runs of the model as it is by likelihood, then after each step
     cross_validated: float  # error of the improved model on parts of the runs fitted to
-    judgements: Mapping[str, Judgement]  # by effect
+    # by effect: the model with it compared with the model without it on runs that the user held out; None
+    # without any
+    holdout: Mapping[str, Optional[judge.Comparison]]
     heldout_floor: float  # noise floor of the runs on which steps are measured
     varies: List[Document]  # what differs between runs
     ceiling: Ceiling
     agreement: Agreement
     formula: Optional[naming.Formula]  # for what is learnable and has no name
-    judged: Optional[folds.Judged]  # the model with the formula
+    judged: Optional[Judged]  # the model with the formula
     # how far predicted poses are off on held-out data, of the models given, refitted, improved and formula;
     # None where runs are too short
     prediction: Optional[PredictionError]
-    diagnosis: Diagnosis  # its basis; where it is by_simulation, its effects and parameters are
+    diagnosis: Diagnosis  # its basis; where it is by simulation error, its effects and parameters are
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
     @property
@@ -93,7 +59,8 @@ class Conclusion:
     def heldout(self) -> List[float]:
         """Error on held-out runs: the best without further effects, then after each step, of the improved
         model last."""
-        return [self.before.heldout, *self.steps[1:-1], self.after.heldout][: len(self.steps)]
+        first, last = (float(one.heldout.sum()) for one in (self.before, self.after))
+        return [first, *self.steps[1:-1], last][: len(self.steps)]
 
     @cached_property
     def bands(self) -> List[bands.Bands]:
@@ -112,30 +79,23 @@ class HeldOut:
         self.starts = horizon.Starts.of(runs, found.prediction_time)
         self.likelihood = Likelihood(runs, found.given, found.likelihood.varying)
 
-    def error(self, fit: Fit) -> float:
-        """Error of a Fit; differences between runs are estimated from the poses before each window."""
-        each = folds.calibrated_errors(self.runs, self.cut, self.likelihood, fit)
-        return float(window_error.mean(self.cut, each).sum())
-
-    def error_of(self, refit: Refit, fit: Fit) -> float:
-        """Error of a Refit; fit: the one that it is if it was fitted by likelihood."""
-        if refit.by == LIKELIHOOD:
-            return self.error(fit)
+    def error(self, model: _core.Model, fit: Optional[Fit] = None) -> Array:
+        """Error (3,) of a model. fit: by likelihood, whose differences between runs are then estimated from
+        the poses before each window."""
+        if fit:
+            each = window_error.calibrated_errors(self.runs, self.cut, self.likelihood, fit)
+            return window_error.mean(self.cut, each)
         try:
-            return float(window_error.channel_errors(self.runs, self.cut, refit.model).sum())
+            return window_error.channel_errors(self.runs, self.cut, model)
         except GroundError:  # the motion is not finite
-            return np.inf
+            return np.full(3, np.inf)
 
-    def tested_of(self, refit: Refit, fit: Fit) -> judge.Tested:
-        """What a Refit predicts; fit: see error_of."""
-        if refit.by == LIKELIHOOD:
-            return self.tested(fit)
-        errors = self.starts.errors(self.runs, [refit.model] * len(self.starts.windows))
-        return judge.Tested(errors, np.array([w.run for w in self.starts.windows]))
-
-    def tested(self, fit: Fit) -> judge.Tested:
-        """What a Fit predicts, and its log-likelihood."""
-        return folds.tested(self.runs, self.starts, self.likelihood, fit)
+    def tested(self, model: _core.Model, fit: Optional[Fit] = None) -> judge.Tested:
+        """What a model predicts; fit: see error."""
+        if fit:
+            return folds.tested(self.runs, self.starts, self.likelihood, fit)
+        errors = self.starts.errors(self.runs, [model] * len(self.starts.windows))
+        return judge.Tested(errors, self.starts.of_run)
 
 
 def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: bool = False) -> Conclusion:
@@ -145,12 +105,15 @@ def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: b
     heldout: _core.RunData of runs to test on, which decide nothing. Without them, each run (each
     quarter of a single run) is tested by a fit to the others.
     """
-    with found.work.stage(stages.LEAVING):
-        return _conclude(found, heldout, misread, _refits(found))
+    with found.work.stage("testing what the model leaves"):
+        # The model as it is: by likelihood, and from there by simulation error
+        free = window_error.free_parameters(found.given)
+        refits = [found.nominal, *_by_simulation(found, found.given, free, [found.nominal.model])]
+        return _conclude(found, heldout, misread, refits)
 
 
 def _conclude(
-    found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool, refits: Sequence[Refit]
+    found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool, refits: Sequence[Judged]
 ) -> Conclusion:
     left = found.ceiling_of()
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.prediction_time, found.each)
@@ -162,63 +125,64 @@ def _conclude(
         before = refits[0]  # its intervals are the better ones
     explained = found.explains(found.names)
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees)
-    named = None
-    if verdict in NAMELESS:
-        named = _name(found, before)
+    formula, named = None, None
+    has_no_name = verdict in ("unexplained", "memory")  # ... and runs show that it is there
+    if has_no_name or verdict == "undecided":
+        formula, named = _name(found, before)
     elif verdict == "missing" and left.is_open:
-        named = _name(found, before, left)
+        formula, named = _name(found, before, left)
     if named is not None:
-        reached = left.reached_by(named.formula.fit.model)
-        if verdict in SAID or (reached.said and named.is_confirmed(found)):
+        reached = left.reached_by(named.model)
+        if has_no_name or (reached.said and _is_confirmed(found, named)):
             left = reached
             verdict = _verdict(found, explained, varies, left, agrees)
         elif verdict == "missing":
-            named = None
-    after = _grown(found) if found.chosen or before.by == LIKELIHOOD else before
-    tested = named.judged.tested if named else after.tested
+            formula, named = None, None
+    after = _grown(found) if found.chosen or before.fit else before
+    tested = (named or after).tested
     if found.chosen and found.compared(tested, before.tested).is_worse:
         off = (*astuple(tested.error), *astuple(before.tested.error))
-        if found.by_simulation is not None or not found.grow_by_simulation(MISLEADS % off):
-            found.withdraw(MISLEADS % off)
+        why = (
+            "held-out poses are predicted worse with it (%.2g mm, %.2g deg) than by a refit without it "
+            "(%.2g mm, %.2g deg)" % off
+        )
+        if found.best.fit is None or not found.grow_by_simulation(why):
+            found.withdraw(why)
         return _conclude(found, heldout, misread, refits)
-    if after.by == LIKELIHOOD or found.by_simulation is not None:
+    if after.fit:
         model, parameters = _on_all(found)
         after = replace(after, model=model, parameters=parameters)
-    crossed = after.heldout
-    formula = named.formula if named else None
+    crossed = float(after.heldout.sum())
     by_user = HeldOut(found, heldout) if heldout else None
-    steps = _steps(found, by_user)
     if by_user:
-        before = replace(before, heldout=by_user.error_of(before, found.search.nominal()))
-        after = replace(after, heldout=by_user.error_of(after, found.fit))
+        before = replace(before, heldout=by_user.error(before.model, before.fit))
+        after = replace(after, heldout=by_user.error(after.model, after.fit))
     return Conclusion(
         verdict,
         before,
         after,
         floor,
-        steps,
+        _steps(found, by_user),
         crossed,
-        _judgements(found, by_user, before, after),
+        _holdout(found, by_user, before, after),
         float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor,
         varies,
         left,
         agrees,
         formula,
-        named.judged if named else None,
+        named,
         _prediction(found, by_user, before, after, named),
         found,
         heldout,
     )
 
 
-def _grown(found: Diagnosis) -> Refit:
+def _grown(found: Diagnosis) -> Judged:
     """The grown model, as it was found; with effects, by simulation error where that matters and the judge
     proves that it predicts better."""
-    by = SIMULATION if found.by_simulation else LIKELIHOOD
-    errors = [float(one.sum()) for one in (found.best.error, found.best.heldout)]
-    best = Refit(by, found.model, (), errors[0], errors[1], found.best.tested)
-    if found.chosen and not found.by_simulation:
-        for other in _by_simulation(found, found.model, found.fit.free):
+    best = found.best
+    if found.chosen and best.fit:
+        for other in _by_simulation(found, found.model, best.fit.free):
             differs = found.matter(best.model, other.model)
             if differs and found.compared(other.tested, best.tested).is_better:
                 best = other
@@ -226,82 +190,47 @@ def _grown(found: Diagnosis) -> Refit:
 
 
 def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
-    """The grown model and its parameters, fitted to all of the runs; by simulation error to the parts of
-    long runs that the search used. By likelihood, levels are those of the parts: their uncertainty hardly
-    widens intervals then."""
-    if found.by_simulation is not None:
-        return found.model, list(found.by_simulation.parameters.values())
-    if not found.is_excerpt:
-        return found.model, between_runs.widened(found.likelihood, found.fit, _intervals(found))
-    whole = Likelihood(found.all_runs, found.given, found.likelihood.varying, found.threads)
-    try:
-        fit = whole.fit(found.model, found.fit.free, near=found.fit, levels=False)
-    except GroundError:  # the motion in another part is not finite
-        return found.model, between_runs.widened(found.likelihood, found.fit, _intervals(found))
-    return fit.model, between_runs.widened(whole, fit, fit.parameters)
-
-
-def _intervals(found: Diagnosis) -> List[Document]:
-    """The parameters of the grown model, with intervals that include the uncertainty of the levels where
-    these can be moved without a motion that is not finite."""
-    try:
-        return found.likelihood.intervals(found.fit)
-    except GroundError:
-        return list(found.fit.parameters)
-
-
-def _refits(found: Diagnosis) -> List[Refit]:
-    """The model as it is, refitted by likelihood and, where it can be simulated, by simulation error over
-    long windows and over short ones, on which a disturbance adds up to less. Errors are over the windows
-    and folds of a Diagnosis."""
-    free, near = window_error.free_parameters(found.given), [found.nominal.model]
-    nominal = _refit(LIKELIHOOD, found.nominal, found.nominal.tested)
-    return [nominal, *_by_simulation(found, found.given, free, near)]
+    """The grown model and its parameters, fitted to all of the runs by likelihood. Of long runs, levels are
+    those of the parts that the search used: their uncertainty hardly widens intervals then."""
+    if found.is_excerpt:
+        whole = Likelihood(found.all_runs, found.given, found.likelihood.varying, found.threads)
+        with contextlib.suppress(GroundError):  # the motion in another part is not finite
+            fit = whole.fit(found.model, found.fit.free, near=found.fit, levels=False)
+            return fit.model, between_runs.widened(whole, fit, fit.parameters)
+    parameters = found.fit.parameters
+    with contextlib.suppress(GroundError):  # levels cannot be moved without a motion that is not finite
+        parameters = found.likelihood.intervals(found.fit)
+    return found.model, between_runs.widened(found.likelihood, found.fit, parameters)
 
 
 def _by_simulation(
     found: Diagnosis, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()
-) -> List[Refit]:
-    """A model refitted by simulation error over long and over short windows, from its values and those of
-    others, where it can be simulated."""
+) -> List[Judged]:
+    """A model refitted by simulation error over long and over short windows, on which a disturbance adds up
+    to less, from its values and those of others, where it can be simulated. Errors are over the windows and
+    folds of a Diagnosis."""
     refits = []
-    for length in LENGTHS:
+    for part in (1.0, 1 / 3):
         with contextlib.suppress(GroundError):  # the simulation diverges
-            seconds = length * windows.length(found.runs)
-            fitter = window_error.WindowFitter(found.runs, threads=1, length=seconds)
+            length = part * windows.length(found.runs)
+            fitter = window_error.WindowFitter(found.runs, threads=1, length=length)
             fitted = fitter.fit(model, free, also)
-            refits.append(_refit(SIMULATION, fitted, found.tested(fitter, fitted)))
+            refits.append(folds.judged_windows(fitted, found.tested(fitter, fitted)))
     return refits
 
 
 def _prediction(
-    found: Diagnosis,
-    by_user: Optional[HeldOut],
-    before: Refit,
-    after: Refit,
-    named: Optional["_Named"],
+    found: Diagnosis, by_user: Optional[HeldOut], before: Judged, after: Judged, named: Optional[Judged]
 ) -> Optional[PredictionError]:
     """How far predicted poses are off, on the runs that the user held out or on the folds."""
     starts, runs = (by_user.starts, by_user.runs) if by_user else (found.starts, found.runs)
     if not len(starts.windows):
         return None
-
-    def same(model: _core.Model) -> PoseError:
-        return PoseError.of(starts.errors(runs, [model] * len(starts.windows)))
-
-    errors = {"given": same(found.given), "refitted": before.tested.error, "improved": after.tested.error}
-    if by_user:
-        errors["refitted"] = by_user.tested_of(before, found.search.nominal()).error
-        errors["improved"] = by_user.tested_of(after, found.fit).error
-    if named:
-        judged = by_user.tested(named.formula.fit) if by_user else named.judged.tested
-        errors["formula"] = judged.error
+    errors = {"given": PoseError.of(starts.errors(runs, [found.given] * len(starts.windows)))}
+    for name, one in (("refitted", before), ("improved", after), ("formula", named)):
+        if one:
+            errors[name] = (by_user.tested(one.model, one.fit) if by_user else one.tested).error
     return horizon.with_floors(runs, starts, errors, found.model, found.fit.levels)
-
-
-def _refit(by: str, fit: Union[folds.Judged, window_error.WindowFit], tested: judge.Tested) -> Refit:
-    known = tuple(fit.parameters.values())
-    return Refit(by, fit.model, known, float(fit.error.sum()), float(fit.heldout.sum()), tested)
 
 
 def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
@@ -309,90 +238,81 @@ def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
     if others is None:
         return [float(judged.heldout.sum()) for judged in (found.nominal, *(s.fit for s in found.steps))]
     names = [step.added for step in found.steps]
-    return [others.error(found.search.fits[frozenset(names[:i])]) for i in range(len(names) + 1)]
+    fits = [found.search.fits[frozenset(names[:i])] for i in range(len(names) + 1)]
+    return [float(others.error(fit.model, fit).sum()) for fit in fits]
 
 
-def _judgements(
-    found: Diagnosis, others: Optional[HeldOut], before: Refit, after: Refit
-) -> Dict[str, Judgement]:
-    """How sure each effect of the grown model is by data that decided nothing, by name. Runs that the user
-    held out contradict all effects where the best refit without any predicts them better."""
-    result = {}
-    for step in found.steps:
-        by_user = None
-        if others:
-            without = others.tested_of(before, found.search.nominal())
-            by_user = found.compared(others.tested_of(after, found.fit), without)
-            if not by_user.is_worse:
-                by_user = found.compared(others.tested(found.fit), others.tested(step.rest))
-        result[step.added] = Judgement(step.confirmed, by_user)
-    return result
+def _holdout(
+    found: Diagnosis, others: Optional[HeldOut], before: Judged, after: Judged
+) -> Dict[str, Optional[judge.Comparison]]:
+    """How sure each effect of the grown model is by runs that the user held out, by name. They contradict all
+    effects where the best refit without any predicts them better."""
+    if not others or not found.steps:
+        return {step.added: None for step in found.steps}
+    without, grown = (others.tested(one.model, one.fit) for one in (before, after))
+    whole = found.compared(grown, without)
+    if whole.is_worse:
+        return {step.added: whole for step in found.steps}
+    grown = others.tested(found.model, found.fit)
+    rests = {step.added: others.tested(step.rest.model, step.rest) for step in found.steps}
+    return {name: found.compared(grown, rest) for name, rest in rests.items()}
 
 
 def _varies(found: Diagnosis) -> List[Document]:
     """Differences between runs, as fitted with the grown model."""
-    sizes = np.array([[*trim["wrench"], trim["thrust"]] for trim in found.fit.trims])
     return [
         {
-            "parameter": d.kind.parameter,
-            "unit": d.kind.unit,
-            "deviation": float(np.std(sizes[:, i], ddof=1)),
-            "p": d.p_value / len(run_differences.KINDS),
-            "p_corrected": d.p_value,
-            "by_run": sizes[:, i].tolist(),
+            "parameter": kind.parameter,
+            "unit": kind.unit,
+            "deviation": float(np.std(sizes, ddof=1)),
+            "p": found.differences[kind] / len(KINDS),
+            "p_corrected": found.differences[kind],
+            "by_run": sizes.tolist(),
         }
-        for d in found.differences
-        for i in [run_differences.KINDS.index(d.kind)]
+        for kind, sizes in zip(KINDS, found.fit.of_runs().T)
+        if kind in found.differences
     ]
 
 
-@dataclass(frozen=True)
-class _Named:
-    """A formula, and the errors of the model with it."""
-
-    formula: naming.Formula
-    judged: folds.Judged
-
-    def is_confirmed(self, found: Diagnosis) -> bool:
-        """Whether parts of the runs that it was not fitted to prove it."""
-        return found.compared(self.judged.tested, found.best.tested).is_better
+def _is_confirmed(found: Diagnosis, named: Judged) -> bool:
+    """Whether parts of the runs that a model with a formula was not fitted to prove it."""
+    return found.compared(named.tested, found.best.tested).is_better
 
 
-def _name(found: Diagnosis, before: Refit, doubted: Optional[Ceiling] = None) -> Optional[_Named]:
-    """A formula for what is learnable, made longer while the judge proves it and the noise leaves less; None
-    unless it is proved. before: the best refit without effects, against which it must not be vetoed; doubted:
-    a Ceiling that does not say that something is left: the first formula has to show it."""
-    best: Optional[_Named] = None
+def _name(
+    found: Diagnosis, before: Judged, doubted: Optional[Ceiling] = None
+) -> Tuple[Optional[naming.Formula], Optional[Judged]]:
+    """A formula for what is learnable, and the model with it; None unless it is proved. It is made longer,
+    twice at most, while the judge proves it and the noise leaves less. before: the best refit without
+    effects, against which it must not be vetoed; doubted: a Ceiling that does not say that something is left:
+    the first formula has to show it."""
+    formula: Optional[naming.Formula] = None
+    best: Optional[Judged] = None
 
     def shows(made: naming.Formula) -> bool:
         """Whether runs show that a formula is learnable."""
         return doubted is None or doubted.reached_by(made.fit.model).said
 
-    made = found.formula_of(found.names, shows)
-    for _ in range(LENGTHENED):
-        named = None if made is None else _judged(found, made)
-        if named is None or (best and not found.compared(named.judged.tested, best.judged.tested).is_better):
+    at, made = (found.likelihood, found.fit), found.formula_of(found.names, shows)
+    for _ in range(3):
+        if made is None:
             break
-        if doubted and not named.is_confirmed(found):
+        try:
+            named = found.folds.judge(made.fit)
+        except GroundError:  # its motion is not finite
             break
-        best = named
-        if float(named.judged.heldout.sum()) < EXPLAINED * found.noise_floor(found.names):
+        if best and not found.compared(named.tested, best.tested).is_better:
             break
-        beside = ceiling.found_beside(found.likelihood, named.formula.fit, found.runs, found.cut)
-        if beside is None:
+        if doubted and not _is_confirmed(found, named):
             break
-        made = naming.formula(found.likelihood, found.fit, beside.regression, named.formula)
-    if best and (not best.is_confirmed(found) or found.compared(best.judged.tested, before.tested).is_worse):
-        return None
-    return best
-
-
-def _judged(found: Diagnosis, made: naming.Formula) -> Optional[_Named]:
-    """A formula with its errors; None where its motion is not finite."""
-    try:
-        return _Named(made, found.folds.judge(made.fit))
-    except GroundError:
-        return None
+        formula, best = made, named
+        if float(named.heldout.sum()) < EXPLAINED * found.noise_floor(found.names):
+            break
+        beside = ceiling.found_beside(found.likelihood, made.fit, found.runs, found.cut)
+        made = None if beside is None else naming.formula(*at, beside.regression, made)
+    if best and _is_confirmed(found, best) and not found.compared(best.tested, before.tested).is_worse:
+        return formula, best
+    return None, None
 
 
 def _verdict(

@@ -1,7 +1,7 @@
 """The error of models over windows: fits to it, errors on held-out data, and what noise alone would leave."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 
 PARTS = 4  # most parts of runs that are held out one after the other; quarters of a single run
 MAX_WINDOWS = 160  # four minutes, far more than it takes to distinguish the effects that matter
-LEAST_THRUST = 1e-3  # smallest thrust of a run, as a share of the model's
+FEW_WINDOWS = 40  # where a quarter of them is enough
 NOMINAL = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
+WRENCH = ("body_force_bias.x0", "body_force_bias.y0", "yaw_bias.n0")  # parameters of a constant wrench
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,10 @@ class WindowFit:
         return model
 
     @property
-    def parameters(self) -> Dict[str, Document]:
-        """The fitted parameters, by name."""
-        return {p["name"]: p for p in self.result["parameters"]}
+    def parameters(self) -> List[Document]:
+        """The fitted parameters: dictionaries as a likelihood's Fit has them."""
+        parameters: List[Document] = self.result["parameters"]
+        return parameters
 
 
 class WindowFitter:
@@ -49,8 +51,7 @@ class WindowFitter:
     Of long runs about `most` windows are used, spread evenly, so that the work does not grow with them.
     threads: 0 for all cores; with one thread results are reproducible; most_parts: parts that several runs
     are held out in; length: of the windows fitted to [s] (default: that of the error); target, options: what
-    is simulated, and of the
-    core's fit. Raises GroundError when runs are too short.
+    is simulated, and of the core's fit. Raises GroundError when runs are too short.
     """
 
     def __init__(
@@ -70,9 +71,8 @@ class WindowFitter:
         self.available = len(every)  # number of windows before thinning
         usual = windows.length(runs)
         length = length or usual
-        is_usual = length == usual
-        many = most * usual / length  # the same total length of data
-        self.fitted = self.windows if is_usual else windows.spread(windows.cut(runs, length), many)
+        # the same total length of data
+        self.fitted = windows.spread(windows.cut(runs, length), most * usual / length)
         self.part_of = parts_of(runs, self.windows, most_parts)
         self.part_of_fitted = parts_of(runs, self.fitted, most_parts)
 
@@ -204,12 +204,14 @@ def calibrated_errors(
     likelihood: "Likelihood",
     fit: "Fit",
 ) -> Array:
-    """window_errors of a Fit, as in use: differences between runs (wrench and thrust) are estimated
-    from a run's poses before each window. likelihood: a Likelihood of the runs."""
-    if not likelihood.varying:
-        return window_errors(runs, chosen, fit.model)
-    models = calibrated_models(runs, chosen, likelihood, fit)
-    return np.array([window_errors(runs, [window], m)[0] for window, m in zip(chosen, models)])
+    """window_errors of a Fit, as in use: see calibrated_models. Infinite where a motion is not finite."""
+    try:
+        if not likelihood.varying:
+            return window_errors(runs, chosen, fit.model)
+        models = calibrated_models(runs, chosen, likelihood, fit)
+        return np.array([window_errors(runs, [window], m)[0] for window, m in zip(chosen, models)])
+    except GroundError:
+        return np.full((len(chosen), 3), np.inf)
 
 
 def calibrated_models(
@@ -218,8 +220,8 @@ def calibrated_models(
     likelihood: "Likelihood",
     fit: "Fit",
 ) -> List[_core.Model]:
-    """The model of a Fit for each window, with the differences between runs that are estimated from the
-    run's poses before it. likelihood: a Likelihood of the runs."""
+    """The model of a Fit for each window, with the differences between runs (wrench and thrust) that are
+    estimated from the run's poses before it. likelihood: a Likelihood of the runs."""
     if not likelihood.varying:
         return [fit.model] * len(chosen)
     models, known = [], {}
@@ -243,57 +245,54 @@ def squared_errors(
     run and summed over the three. Each window is simulated from the initial velocity that suits best.
     known: a wrench (n, 3) for each run; scale: runs whose standard deviations count. Raises
     GroundError where the motion is not finite."""
+    nothing: List[Optional[Array]] = [None] * len(runs)
+    wrenches = known or nothing
     sigma = [np.array(run.nu).std(axis=0) for run in scale or runs]
-    errors = np.empty(len(cut))
-    for i, window in enumerate(cut):
-        wrench = None if known is None else known[window.run]
-        start = runs[window.run].nu[window.first]
-        steps = np.diag(0.02 * sigma[window.run])
-        tried = [start] + [start + step for step in steps]
-        e, *others = [_scaled_errors(runs, window, model, nu, wrench, sigma) for nu in tried]
-        slopes = np.column_stack([(other - e).ravel() for other in others])
-        move = np.linalg.lstsq(slopes, -e.ravel(), rcond=None)[0]
-        moved = _scaled_errors(runs, window, model, start + move @ steps, wrench, sigma)
-        errors[i] = min((e**2).mean(), (moved**2).mean()) * 3
-    return errors
+    return np.array([_squared_error(runs[w.run], w, model, wrenches[w.run], sigma[w.run]) for w in cut])
 
 
-def _scaled_errors(
-    runs: Sequence[_core.RunData],
-    window: _core.Window,
-    model: _core.Model,
-    nu: Array,
-    wrench: Optional[Array],
-    sigma: Sequence[Array],
-) -> Array:
-    """Errors (n, 3) of a simulation of a window from an initial velocity, over standard deviations."""
-    run, span = runs[window.run], slice(window.first, window.last + 1)
-    known = None if wrench is None else wrench[span]
-    with core_errors():
-        found = _core.simulate(
-            model, run.inputs, run.times[span], run.eta[window.first], nu, run.drives, known,
-            payload=run.payload, battery=run.battery,
-        )  # fmt: skip
-    return np.asarray((found["nu"] - np.array(run.nu)[span]) / sigma[window.run])
+def _squared_error(
+    run: _core.RunData, window: _core.Window, model: _core.Model, known: Optional[Array], sigma: Array
+) -> float:
+    span = slice(window.first, window.last + 1)
+    wrench = None if known is None else known[span]
+
+    def off(nu: Array) -> Array:
+        """Errors of a simulation from an initial velocity, over standard deviations."""
+        with core_errors():
+            found = _core.simulate(
+                model, run.inputs, run.times[span], run.eta[window.first], nu, run.drives, wrench,
+                payload=run.payload, battery=run.battery,
+            )  # fmt: skip
+        return np.asarray((found["nu"] - np.array(run.nu)[span]) / sigma).ravel()
+
+    start, steps = run.nu[window.first], np.diag(0.02 * sigma)
+    e = off(start)
+    slopes = np.column_stack([off(start + step) - e for step in steps])
+    moved = off(start + np.linalg.lstsq(slopes, -e, rcond=None)[0] @ steps)
+    return float(3 * min((e**2).mean(), (moved**2).mean()))
 
 
 def trimmed(model: _core.Model, constant: Array) -> _core.Model:
     """A model with a constant wrench X, Y [N], N [N m] and a relative change of thrust, (4,)."""
-    changed = _with_thrust(model, float(constant[3]))
-    wrench = (("body_force_bias", "x0"), ("body_force_bias", "y0"), ("yaw_bias", "n0"))
-    for (effect, parameter), value in zip(wrench, constant):
-        if effect not in changed.effects:
-            changed = candidates.of_library(effect).neutral(changed)
-        name = "%s.%s" % (effect, parameter)
+    changed = with_wrench(_with_thrust(model, float(constant[3])))
+    for name, value in zip(WRENCH, constant):
         changed.set_value(name, changed.value(name) + value)
     return changed
 
 
+def with_wrench(model: _core.Model) -> _core.Model:
+    """A model with the effects of a constant wrench, of zero where it had none."""
+    for effect in dict.fromkeys(name.split(".")[0] for name in WRENCH):
+        model = model if effect in model.effects else candidates.of_library(effect).neutral(model)
+    return model
+
+
 def _with_thrust(model: _core.Model, change: float) -> _core.Model:
-    """A model with a relative change of thrust. It hardly pushes where the change, which a likelihood takes
-    for normally distributed, would turn it round."""
+    """A model with a relative change of thrust. It hardly pushes (by a thousandth) where the change, which a
+    likelihood takes for normally distributed, would turn it round."""
     changed = model.copy()
-    changed.set_value("k", max(1 + change, LEAST_THRUST) * model.value("k"))
+    changed.set_value("k", max(1 + change, 1e-3) * model.value("k"))
     return changed
 
 
@@ -325,31 +324,21 @@ def recorded(
     added wrench, held from sample to sample [N], [N m], body; thrust: its relative change; room:
     (n, 2), an added force along the axes of the room, held as well [N]."""
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
-    inputs, noise = np.array(run.inputs), np.array(run.noise)
     wrench = np.zeros_like(eta) if wrench is None else wrench
     room = np.zeros((len(times), 2)) if room is None else room
-    if thrust:
-        model = _with_thrust(model, thrust)
+    model = _with_thrust(model, thrust) if thrust else model
     poses = np.empty_like(eta)
     breaks = np.flatnonzero(np.diff(times) > run.scales.max_gap) + 1
-    for stretch in np.split(np.arange(len(times)), breaks):
-        start = stretch[0]
+    for at in np.split(np.arange(len(times)), breaks):
+        start = (eta[at[0]], nu[at[0]])
         try:
             found = _core.simulate(
-                model,
-                inputs,
-                times[stretch],
-                eta[start],
-                nu[start],
-                run.drives,
-                wrench[stretch],
-                room[stretch],
-                run.payload,
+                model, run.inputs, times[at], *start, run.drives, wrench[at], room[at], run.payload,
                 run.battery,
-            )
+            )  # fmt: skip
         except RuntimeError:
             raise GroundError("the model's motion along %s is not finite" % run.name)
-        poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
+        poses[at] = found["eta"] + np.array(run.noise) * random.normal(size=(len(at), 3))
     smoothed = repair.again(run, poses)
     alone = run.replaced(wrench=np.empty((0, 3)), inertial=_core.InertialData())
     return alone.replaced(eta=smoothed["eta"], nu=smoothed["nu"], poses=poses)
@@ -359,8 +348,7 @@ def pushes(run: _core.RunData, levels: Mapping[str, float], random: Random) -> T
     """Random pushes of some levels of the likelihood, Ornstein-Uhlenbeck and white noise, at a run's samples,
     each until the next: a wrench (n, 3) X, Y [N], N [N m] in the body's frame, and a force (n, 2) [N] along
     the axes x, y of the room."""
-    steps = np.diff(np.array(run.times), append=run.times[-1] + 1e-3)
-    steps = np.maximum(steps, 1e-4)
+    steps = np.maximum(np.diff(np.array(run.times), append=run.times[-1] + 1e-3), 1e-4)
     wrench = np.empty((len(steps), 3))
     for i, channel in enumerate("XYN"):
         slow = _slow(steps, levels["sigma_" + channel], levels["time_" + channel], random)

@@ -8,6 +8,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import horizon as horizons
 from ground.analysis.predicted_band import Course, HeldOut, beyond, half_width
+from ground.analysis.window_error import FEW_WINDOWS
 from ground.data.measured import Part, Recordings, taken
 from ground.models import Model, ModelLike
 from ground.recordings import headings, quality
@@ -197,7 +198,7 @@ def prediction(model: Model, run: _core.RunData, seconds: float, zero: float = 0
         error, least = shape.end_error(predicted), horizons.PoseError(*horizons.pose_noise([run]).tolist())
         count = len(shape.tiles)
     else:
-        starts = horizons.starts([run], seconds, horizons.SHOWN)
+        starts = horizons.starts([run], seconds, FEW_WINDOWS)
         error = horizons.PoseError.of(
             horizons.pose_errors([run], horizons.same(model.core)(starts), starts, seconds)
         )

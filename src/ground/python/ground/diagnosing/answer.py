@@ -8,7 +8,6 @@ from typing import Iterator, List
 
 from ground.analysis import candidates
 from ground.analysis.diagnosis import EXPLAINED
-from ground.analysis.verdict import SIMULATION
 from ground.diagnosing import words
 from ground.recordings import suspicions
 from ground.reports.words import capital, direction, listed, number, off, prediction
@@ -73,7 +72,7 @@ def _answers(report: Document) -> Iterator[str]:
     rest = _rest(report)
     if rest:
         yield rest
-    if report["improved"].get("by") == SIMULATION:  # not in reports of release 1.0.0
+    if report["improved"].get("by") == "simulation":  # not in reports of release 1.0.0
         yield "The model is fitted by simulation error: it predicts better than the one by likelihood."
     if report["steps"] and not rest and _rest_matters(report):
         yield capital(_left(report))

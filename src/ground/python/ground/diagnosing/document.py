@@ -4,11 +4,12 @@ import dataclasses
 from typing import Any, Iterable, List, Mapping, Optional, Sequence
 
 from ground import _core
-from ground.analysis import bands, candidates, excerpts, horizon, indistinguishable, stages
+from ground.analysis import bands, candidates, excerpts, horizon
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
 from ground.analysis.likelihood import Fit
-from ground.analysis.verdict import MISREAD, NAMELESS, Conclusion
+from ground.analysis.search import LookAlike
+from ground.analysis.verdict import MISREAD, Conclusion
 from ground.diagnosing import next_experiment
 from ground.support.annotations import Document
 
@@ -51,14 +52,14 @@ def begun(
         **({"selection": selection} if selection else {}),
         "nominal": {
             "parameters": _parameters(before.parameters),
-            "error": _error(before.error, before.heldout, by),
+            "error": _error(before.error.sum(), conclusion.heldout[0], by),
             "cross_validated": float(diagnosis.nominal.heldout.sum()),
             "by": before.by,
         },
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
             "parameters": _parameters(conclusion.after.parameters),
-            "error": _error(conclusion.after.error, conclusion.heldout[-1], by),
+            "error": _error(conclusion.after.error.sum(), conclusion.after.heldout.sum(), by),
             "cross_validated": conclusion.cross_validated,
             "by": conclusion.after.by,
         },
@@ -71,9 +72,13 @@ def begun(
                 "error": _error(step.fit.error.sum(), error, by),
                 "group": list(step.group),
                 **_chances(step.p_value, tried),
-                "judged": dataclasses.asdict(conclusion.judgements[step.added]),
+                "judged": {
+                    "fitted": dataclasses.asdict(step.confirmed),
+                    "holdout": held and dataclasses.asdict(held),
+                },
             }
             for step, error in zip(diagnosis.steps, conclusion.steps[1:])
+            for held in [conclusion.holdout[step.added]]
         ],
         "dropped": [
             {
@@ -99,7 +104,7 @@ def completed(
     The errors of low-ranked effects are None. room: the _core.RoomPlan in which the next experiment has to
     stay (4 x 4 m).
     """
-    with diagnosis.work.stage(stages.ERRORS):
+    with diagnosis.work.stage("errors of the best effects"):
         alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
         described, banded = _candidates(diagnosis, alike), bands.coverage(conclusion.bands)
     return {
@@ -178,7 +183,7 @@ def _tried(trial: Trial, count: int, **more: Any) -> Document:
     return {"effect": trial.name, "parameters": parameters, **more, **_chances(trial.p_value, count)}
 
 
-def _candidates(diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlike]) -> List[Document]:
+def _candidates(diagnosis: Diagnosis, alike: Sequence[LookAlike]) -> List[Document]:
     """The effects, each tried with the refitted nominal model, best first."""
     tried, chosen = diagnosis.tried, {c.name for c in diagnosis.chosen}
     judged = {t.name for t in tried[:MAX_JUDGED]} | chosen
@@ -204,7 +209,7 @@ def _candidates(diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlik
 
 def _next_experiment(
     diagnosis: Diagnosis,
-    alike: Sequence[indistinguishable.LookAlike],
+    alike: Sequence[LookAlike],
     room: Optional[_core.RoomPlan],
 ) -> Optional[Document]:
     """The experiment that would distinguish the effects of the first group. Without a group, the
@@ -229,7 +234,7 @@ def _unexplained(conclusion: Conclusion) -> Document:
     """What the error depends on, and an effect that would lower it on held-out runs, where something has no
     name."""
     found: Document = {"where": [], "proposal": None}
-    if conclusion.verdict in NAMELESS:
+    if conclusion.verdict in ("unexplained", "memory", "undecided"):
         formula, judged, shares = conclusion.formula, conclusion.judged, conclusion.ceiling.arguments
         found["where"] = [{"variable": name, "share": share} for name, share in shares.items()]
         if formula and judged:

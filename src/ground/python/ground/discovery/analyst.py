@@ -265,7 +265,7 @@ def error(run: _core.RunData, model: _core.Model) -> Optional[float]:
 
 def off(run: _core.RunData, model: _core.Model, seconds: float) -> Optional[Off]:
     """How far the poses are off that a model predicts along a run; None where its motion is not finite."""
-    chosen = horizon.starts([run], seconds, horizon.SHOWN)
+    chosen = horizon.starts([run], seconds, window_error.FEW_WINDOWS)
     try:
         error = PoseError.of(horizon.pose_errors([run], [model] * len(chosen), chosen, seconds))
     except GroundError:
@@ -275,7 +275,7 @@ def off(run: _core.RunData, model: _core.Model, seconds: float) -> Optional[Off]
 
 def expected_off(run: _core.RunData, model: _core.Model, seconds: float) -> Off:
     """How far the poses would be off if a model were true, because of their noise alone."""
-    chosen = horizon.starts([run], seconds, horizon.SHOWN)
+    chosen = horizon.starts([run], seconds, window_error.FEW_WINDOWS)
     error = PoseError.of(horizon.artificial_errors([run], chosen, seconds, model, None))
     return error.position_mm, error.heading_deg
 

@@ -212,7 +212,7 @@ def _result(
     prediction: Optional[PredictionError],
     judged: judge.Comparison,
 ) -> Addition:
-    parameters = parameters_by_name(after.parameters.values())
+    parameters = parameters_by_name(after.parameters)
     model = fitted_model(
         after.model,
         seen.recordings,
@@ -229,7 +229,7 @@ def _result(
         effect=effect,
         model=model,
         parameters=parameters,
-        parameters_before=parameters_by_name(before.parameters.values()),
+        parameters_before=parameters_by_name(before.parameters),
         error=errors,
         prediction=prediction,
         noise_floor=float(window_error.noise_floor(seen.data, after.model).sum()),
