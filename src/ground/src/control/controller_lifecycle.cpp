@@ -77,15 +77,7 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (!params_.require_state) return;
   measured_ = measured;
   measured_at_ = now.steady;
-  if (measured.valid && stateIsFinite()) {
-    trusted_ = measured;
-    forgetThrusts(thrusts_, measured.stamp);
-  }
-  if (driving() && measured.valid && stateIsFinite()) {
-    const std::string jump = jumped(measured);
-    known_ = measured;
-    if (!jump.empty()) enter(now, State::kStopped, jump);
-  }
+  if (measured.valid && stateIsFinite()) trust(now);
   tick(now);
   if (state_ == State::kRunning && change_at_) {
     if (objects(now)) return;
@@ -97,6 +89,16 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (state_ != State::kRunning || change_at_) return;
   // A tenth of tolerance, so that jitter does not skip every other state.
   if (!last_update_ || measured.stamp - *last_update_ >= 0.9 / params_.rate) control(now, measured.stamp);
+}
+
+/// Takes a valid state as what is known of the craft; stops if it cannot have moved there.
+void ControllerLifecycle::trust(Instant now) {
+  trusted_ = measured_;
+  forgetThrusts(thrusts_, trusted_->stamp);
+  if (!driving()) return;
+  const std::string jump = jumped(*trusted_);
+  known_ = trusted_;
+  if (!jump.empty()) enter(now, State::kStopped, jump);
 }
 
 void ControllerLifecycle::timeJumped(Instant now, const std::string& what) {

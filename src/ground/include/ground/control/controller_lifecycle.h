@@ -218,6 +218,7 @@ class ControllerLifecycle {
   bool flying() const { return state_ == State::kLifting || driving(); }
   std::string stateProblem(Instant now) const;
   bool stateIsFinite() const;
+  void trust(Instant now);
   std::string jumped(const MeasuredState& state) const;
   bool bridge(Instant now, const std::string& problem);
   std::string fenceProblem(Instant now) const;

@@ -61,4 +61,4 @@ def p_value(gain: float, free: int, on_bound: int) -> float:
         for moved, count in enumerate(counts)
         if count
     )
-    return float(sum(weighed)) / 2**on_bound
+    return float(sum(weighed) / 2**on_bound)
