@@ -390,7 +390,7 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(tmp_path, dela
     tried = [c for c in candidates.library(model) if c.name in ("input_delay", "wind")]
     found = diagnosis.Diagnosis(runs, model, tried)
     found.grow()
-    assert conclude(found).verdict == verdict, [(t.name, t.gain) for t in found.tried]
+    assert conclude(found).verdict == verdict, [(t.name, t.p_value) for t in found.tried]
     if delay == 0.001:
         assert [d.trial.name for d in found.dropped if d.change] == ["input_delay"]
 

@@ -93,13 +93,14 @@ def agreement(
     artificial recordings."""
     band, pairs = _band(likelihood.runs, seconds), _pairs(runs)
 
-    def compared(recorded: Sequence[_core.RunData]) -> Tuple[List[float], List[Array], Array]:
-        """Numbers of recordings, the logarithm of the squared error first, and what _seen gives."""
+    def compared(recorded: Sequence[_core.RunData]) -> Tuple[List[float], List[Array], Array, Likelihood]:
+        """Numbers of recordings, the logarithm of the squared error first, what _seen gives, and of which
+        runs."""
         error = squared_errors(recorded, cut, fit.model, scale=runs).mean()
         poses = [by_poses_alone(run) for run in recorded]
         of_poses = Likelihood(poses, likelihood.craft, likelihood.varying)
         numbers, wrenches, lines = _seen(of_poses, fit, band, pairs)
-        return [float(np.log(error)), *numbers], wrenches, lines
+        return [float(np.log(error)), *numbers], wrenches, lines, of_poses
 
     def made(seed: int) -> Optional[Tuple[List[float], float]]:
         """Numbers of an artificial recording, and the squared correlation of what the filter sees in it and
@@ -107,18 +108,17 @@ def agreement(
         random = np.random.default_rng(seed)
         try:
             artificial, pushes = zip(*(_pushed(run, fit, i, random) for i, run in enumerate(runs)))
-            numbers, wrenches, _ = compared(artificial)
+            numbers, wrenches, _, of_poses = compared(artificial)
         except GroundError:
             return None
-        width = seconds / FINEST
-        known = [_at(*given, width) for given in zip(runs, pushes, likelihood.runs)]
+        known = [_at(*given, seconds / FINEST) for given in zip(runs, pushes, of_poses.runs)]
         return numbers, _alike(wrenches, known) ** 2
 
     noise = np.nan
     with contextlib.suppress(GroundError):
         quiet = [window_error.recorded(run, fit.model, np.random.default_rng(0)) for run in runs]
         noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
-    real, _, power = compared(runs)
+    real, _, power, _ = compared(runs)
     rows, seen_of_push, holds = [real], [], False
     for seeds in (range(FIRST), range(FIRST, DRAWS)):
         drawn = [one for one in each(made, seeds) if one is not None]
@@ -247,7 +247,7 @@ def _driven(run: _core.RunData) -> Tuple[float, float]:
     inputs = np.array(run.inputs)
     changes = np.flatnonzero((inputs[1:, 1:-1] != inputs[:-1, 1:-1]).any(axis=1)) + 1
     if not len(changes):
-        return run.times[0], run.times[-1]
+        return max(run.times[0], float(inputs[0, 0])), run.times[-1]
     ends = run.times[-1] if inputs[-1, 1:-1].any() else inputs[changes[-1], 0]
     return float(inputs[changes[0], 0]), float(ends)
 

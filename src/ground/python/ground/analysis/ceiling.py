@@ -202,7 +202,7 @@ def _searched(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, Optional[Fo
             rise = refitted.log_posterior - near.log_posterior
             if rise >= RISE:
                 best = Found(wider, terms, refitted, wrenches)
-            if rise < ENOUGH:
+            if not rise >= ENOUGH:
                 break
             regression = wider.again(Innovations(current, refitted), wider.promising(PROMISING, terms))
         except GroundError:  # the motion is not finite

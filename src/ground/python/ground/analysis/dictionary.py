@@ -193,6 +193,7 @@ def _of_the_past(model: _core.Model, scales: Scales) -> Iterator[Row]:
 def _fields(scales: Scales) -> Iterator[Row]:
     """Families of random waves over the floor, which mean nothing by themselves."""
     random, room = np.random.default_rng(5), channels.directions(2)
+    # lengths over the extent of the motion, and how many waves
     for name, length, count in (("wide", 1.0, 24), ("middle", 0.4, 40), ("fine", 0.15, 40)):
         vectors = random.normal(size=(count, 2)) / (length * scales.extent)
         phases = random.uniform(0, 2 * np.pi, count)

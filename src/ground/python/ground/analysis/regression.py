@@ -35,6 +35,7 @@ REFUSED = 3  # terms that held-out parts may refuse
 AS_GOOD = 0.97  # part of the significance of a feature with which one with a factor less takes its place
 SORTS = 5  # of single features, by the number that they were chosen from
 KEPT_FAMILIES = 6
+WIDEST = 130  # features of a family that is tested as a whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +145,7 @@ class Regression:
         once: Dict[Tuple[int, ...], str] = {}
         for name, columns in by_name.items():
             once.setdefault(tuple(columns), name)
-        return [Term(name, np.array(columns)) for columns, name in once.items() if len(columns) > 1]
+        return [Term(name, np.array(at)) for at, name in once.items() if 1 < len(at) <= WIDEST]
 
     # Tests
 
@@ -175,7 +176,7 @@ class Regression:
         """The most significant feature, as if the number that each was chosen from were part of it, but some;
         in its plainest form. z: significance of each."""
         order = np.argsort(-np.where(z > 0, z - 2 * np.log(self.tried), -np.inf))
-        return self._plainest(int(order[but]), z)
+        return self._plainest(int(order[min(but, len(order) - 1)]), z)
 
     def _plainest(self, j: int, z: Array) -> int:
         """The feature that has fewer factors than j and is nearly as significant, or j."""

@@ -168,6 +168,7 @@ def of_motion(model: _core.Model, scales: Scales, every: Mapping[str, Array]) ->
         *in_room(scales),
         *(step for variable, values, deviation in varying for step in _steps(variable, values, deviation)),
         # up to a few half waves over most of the values
+        # 3.5 standard deviations hold most of the values; three half waves of them, and eight of the time
         *(wave for v, _, deviation in varying for wave in _sines(v, np.pi / (3.5 * deviation), 3, 0.5)),
         *commands(model),
         *(Scalar(form.replace("%s", difference)) for difference in differences for form in forms),

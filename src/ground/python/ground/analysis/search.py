@@ -22,7 +22,7 @@ from ground.support.annotations import Each
 from ground.support.errors import GroundError
 from ground.support.progress import Work
 
-LEVEL = 0.01  # probability of choosing an effect although none is missing
+LEVEL = 0.01  # probability of a false finding
 REFITTED = 4  # effects that are refitted in a step, best by score test first, and half as many pairs
 MIN_BEST_GAIN = 0.3  # least expected gain of what may be the best addition, over the largest one
 MIN_GAIN = 3.0  # expected gain per parameter that a refit needs
@@ -124,7 +124,7 @@ class Search:
         gains = {added: self.test_beside(current).test(added)[0] for added in self._proposals(current)}
         least = MIN_BEST_GAIN * max(gains.values(), default=0.0)
         for is_first in (True, False):
-            some = [added for added, gain in gains.items() if (gain >= least) == is_first]
+            some = [added for added, gain in gains.items() if (gain >= least if is_first else gain < least)]
             better = [s for s in self._extend(current, some) if self.value(s) > self.value(current)]
             for best in sorted(better, key=self.value, reverse=True):
                 self._refine([best])
@@ -234,11 +234,13 @@ class Search:
 
     def rivals(self, current: FrozenSet[str], name: str) -> List[str]:
         """Effects that the data cannot distinguish from one of a set, the best first: were they true, so
-        large a log-likelihood ratio would not be rare."""
+        large a log-likelihood ratio would not be rare. One that contains it always explains as much: whether
+        it is needed has been decided."""
         by_rival = {}
         for other in self._swaps(current, name):
             (rival,) = other - current
-            by_rival[rival] = self.value(current) - self.value(other)
+            if self.candidates[rival].contains != name:
+                by_rival[rival] = self.value(current) - self.value(other)
         return [
             n for n in sorted(by_rival, key=by_rival.__getitem__) if by_rival[n] < chi_squared_limit(LEVEL, 1)
         ]

@@ -51,7 +51,7 @@ def _span(run: _core.RunData) -> float:
     nu, along = np.array(run.nu), np.diff(np.array(run.times))
     turning = np.column_stack([-nu[:-1, 2] * nu[:-1, 1], nu[:-1, 2] * nu[:-1, 0], 0 * nu[:-1, 2]])
     accelerations = np.abs(np.diff(nu, axis=0) / along[:, None] + turning)
-    strong = np.maximum(np.percentile(accelerations, 99, axis=0), 1e-300)
+    strong = np.maximum(np.percentile(accelerations, 99, axis=0), 1e-300)  # that a run has now and then
     error = ERROR * np.array(run.noise)
     return float(np.clip(np.sqrt(24 * error / strong).min(), least, most))
 

@@ -14,6 +14,7 @@ from ground.diagnosing import next_experiment
 from ground.support.annotations import Document
 
 SCHEMA = "ground/diagnosis/1"
+MAX_PLANNED_RUNS = 6  # runs that the next experiment is planned with
 MAX_JUDGED = 3  # best effects whose errors are in the report, beside those found
 
 
@@ -215,8 +216,12 @@ def _next_experiment(
     """The experiment that would distinguish the effects of the first group. Without a group, the
     experiment that would show an effect which these runs cannot; None if there is none."""
 
+    many = len(diagnosis.runs)
+    some = [diagnosis.runs[i * many // MAX_PLANNED_RUNS] for i in range(MAX_PLANNED_RUNS)]
+    runs = diagnosis.runs if many <= MAX_PLANNED_RUNS else some
+
     def propose(rivals: Mapping[str, Fit]) -> Optional[Document]:
-        return next_experiment.propose(rivals, diagnosis.runs, diagnosis.each, room, diagnosis.work)
+        return next_experiment.propose(rivals, runs, diagnosis.each, room, diagnosis.work)
 
     for step in diagnosis.steps:
         if len(step.group) > 1:

@@ -142,9 +142,8 @@ class Question:
     @property
     def words(self) -> str:
         """The question in a few words."""
-        if self.rival:
-            return "%s or %s" % (self.about, self.rival)
-        return self.about
+        names = [self.about, self.rival] if self.rival else [self.about]
+        return " or ".join(effects.in_words(n) if n in effects.effects() else n for n in names)
 
 
 @dataclass
