@@ -21,7 +21,7 @@ void iterate(benchmark::State& state, const Model& model, TrackingController& co
   params.rate_of_turn = 0.4;
   const ReferencePtr reference = makeReference(params);
   const Dynamics<double> dynamics(model);
-  Observation seen;
+  Observation seen{0, 0, {}, nullptr, 0, {1, std::nullopt}, 0};
   seen.reference = reference.get();
   double t = 0;
   for (auto _ : state) {

@@ -56,7 +56,7 @@ class Flight {
       measured.eta(j) += (j == 2 ? 1e-3 : 3e-4) * normal_(random_);
       measured.nu(j) += (j == 2 ? 2e-2 : 5e-3) * normal_(random_);
     }
-    return {t, t, measured, reference_.get(), 0, 1.0, 0};
+    return {t, t, measured, reference_.get(), 0, {1.0, std::nullopt}, 0};
   }
   void command(double t, const Thrusters<double>& chosen) { inputs_.add(t, chosen, 1); }
   /// Distance from the reference [m].
@@ -85,7 +85,9 @@ struct ColdStart {
   double since;  ///< time of the reference [s]
   RigidState<double> state;
 
-  Observation observation() const { return {since, since, state, reference.get(), 0, 1.0, 0}; }
+  Observation observation() const {
+    return {since, since, state, reference.get(), 0, {1.0, std::nullopt}, 0};
+  }
 };
 
 /// Number i of the starts: by turns near and far, on each of the references.

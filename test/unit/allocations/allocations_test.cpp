@@ -50,7 +50,7 @@ long allocationsOf(TrackingController& controller, const Model& model, int count
   params.rate_of_turn = 0.4;
   const ReferencePtr reference = makeReference(params);
   const Dynamics<double> dynamics(model);
-  Observation seen;
+  Observation seen{0, 0, {}, nullptr, 0, {1, std::nullopt}, 0};
   seen.reference = reference.get();
   std::vector<double> actuators(static_cast<std::size_t>(dynamics.stateCount()), 0.0);
   double t = 0;

@@ -218,6 +218,18 @@ TEST_F(Lifecycle, TheFenceCarriesOnFromTheLastValidState) {
   EXPECT_NE(life.reason().find("from a wall of the room"), std::string::npos) << life.reason();
 }
 
+TEST_F(Lifecycle, TheFenceSeesWhereAnInvalidStateIs) {
+  Room room;
+  room.margin = 0.2;
+  life.setFence(Fence(room, room.margin));
+  drive();
+  measured.valid = false;  // such as the moment after the craft was hit, leaned, and slid to a wall
+  measured.state.eta.x() = 1.9;
+  pass(2 * kFrame);
+  EXPECT_EQ(life.current(), State::kStopped);
+  EXPECT_NE(life.reason().find("from a wall of the room"), std::string::npos) << life.reason();
+}
+
 /// Counts what decides what a life cycle does next.
 struct Memory {
   int size = 0;

@@ -100,6 +100,13 @@ TEST(FenceBound, FullAccelerationFollowsTheVoltage) {
   const double unknown = fullAcceleration(pilot);
   pilot.voltage(8.4);
   EXPECT_NEAR(fullAcceleration(pilot), std::pow(8.4 / 7.4, 2) * unknown, 1e-9 * unknown);
+  pilot.voltage(6.6);
+  EXPECT_NEAR(fullAcceleration(pilot), unknown, 1e-9 * unknown) << "an effect may be wrong";
+  pilot.voltage(8.4);
+  for (const double implausible : {0.3, 3.7, 8400.0}) {
+    pilot.voltage(implausible);
+    EXPECT_NEAR(fullAcceleration(pilot), std::pow(8.4 / 7.4, 2) * unknown, 1e-9 * unknown) << implausible;
+  }
 }
 
 TEST(FenceBound, FallsWithAllThatGoesWrongAndIsScaleFree) {

@@ -253,10 +253,10 @@ TEST(ObedienceWatch, KnowsTheVoltageThatTheCraftReports) {
   Model model = craft();
   model.body.volts = 7.4;
   model.addEffect(makeEffect("battery_voltage"));
-  model.setValue("battery_voltage.p", 2);
+  model.setValue("battery_voltage.p", 5);
   for (const bool told : {false, true}) {
     WatchedFlight flight(model);
-    flight.volts = 2.4;  // a tenth of the thrust
+    flight.volts = 4.8;  // a tenth of the thrust
     if (told) flight.watch().voltage(*flight.volts);
     EXPECT_EQ(std::isinf(flight.fly(20).first), told);
   }
@@ -303,21 +303,6 @@ TEST(ObedienceWatch, WaitsForTheNameOfADeadThrusterOnlyForAWhile) {
     waited[adapts] = time;
   }
   EXPECT_NEAR(waited[1], waited[0] + kTimeout, 0.1);
-}
-
-TEST(ObedienceWatch, WaitsAgainAfterASuspicionThatWasWrong) {
-  WatchedFlight flight(table());
-  Thrusters<double> off = Thrusters<double>::filled(8, 1);
-  off(2) = 0;
-  ASSERT_EQ(flight.fly(5).second, "");
-  flight.setShares(off);
-  const double first = flight.fly(20).first;
-  flight.setShares(Thrusters<double>::filled(8, 1));
-  for (int i = 0; i < 2000 && !flight.fly(1).second.empty();) ++i;  // the evidence goes
-  ASSERT_EQ(flight.fly(20).second, "");
-  flight.setShares(off);
-  EXPECT_GT(flight.fly(20).first, kTimeout);
-  EXPECT_GT(first, kTimeout);
 }
 
 TEST(ObedienceWatch, ANewArmingExpectsTheCraftOfTheModel) {

@@ -203,7 +203,7 @@ TEST(OneOriginOfTime, APlanUsesTheThrustOfItsTime) {
   params.iterations = 50;
   for (const double elapsed : {0.0, 20.0}) {
     PredictiveControl control(model, params);
-    Observation seen;
+    Observation seen{0, 0, {}, nullptr, 0, {1, std::nullopt}, 0};
     seen.stamp = seen.now = seen.reference_start = 1000;
     seen.state.nu << line.speed, 0, 0;
     seen.reference = reference.get();

@@ -10,6 +10,7 @@
 #include "ground/control/allocation.h"
 #include "ground/control/fence.h"
 #include "ground/control/reference_pilot.h"
+#include "ground/model/capability.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
@@ -346,6 +347,17 @@ TEST(Propeller, PushesLessBackward) {
     const Vector3<double> plain = acceleration(none, moving(0, 0, 0), {n});
     EXPECT_NEAR((pushed - (n < 0 ? 0.4 : 1.0) * plain).norm(), 0, 1e-12) << n;
   }
+}
+
+// A pod behind the centre that turns right round: at both ends of its range it pushes back, between them it
+// turns.
+TEST(Swivel, OfHalfATurnIsKnownToTurnTheCraft) {
+  const auto turning = [](const std::string& angle) {
+    return capability(craft(kFan + std::string("    - {name: servo, turns: fan, angle: ") + angle + "}\n"))
+        .wrench;
+  };
+  EXPECT_NEAR(turning("180").z(), turning("90").z(), 1e-9);
+  EXPECT_GT(turning("90").z(), 0.1 * turning("90").x());
 }
 
 TEST(SteeringFile, IsWrittenAsItWasRead) {

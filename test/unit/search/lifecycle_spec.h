@@ -68,18 +68,20 @@ struct LifecycleSpec {
     if (pushes.empty() || pushes.back().acceleration != acceleration)
       pushes.push_back({now.time, acceleration});
   }
-  /// Whether the craft could leave the room, by the last trusted state and all thrust since then.
+  /// Whether the craft could leave the room, by the last trusted state or the last one, and all thrust since.
   bool leaves(Instant now) const {
-    if (!params.require_state || !trusted) return false;
+    if (!params.require_state) return false;
+    return (trusted && leavesFrom(now, *trusted)) || (seen && seen->finite && leavesFrom(now, *seen));
+  }
+  bool leavesFrom(Instant now, const Seen& from) const {
     Fence::Thrusts thrusts;
     for (std::size_t i = 0; i < pushes.size(); ++i) {
       const double until = i + 1 < pushes.size() ? pushes[i + 1].since : now.time;
-      const double lasted = std::max(0.0, until - std::max(pushes[i].since, trusted->stamp));
+      const double lasted = std::max(0.0, until - std::max(pushes[i].since, from.stamp));
       thrusts.push_back({{pushes[i].acceleration, 0}, lasted});
     }
-    RigidState<double> craft{Vector3<double>(trusted->x, 0, trusted->heading),
-                             Vector3<double>(trusted->u, 0, 0)};
-    return !fence.objection(craft, now.time - trusted->stamp, thrusts).empty();
+    RigidState<double> craft{Vector3<double>(from.x, 0, from.heading), Vector3<double>(from.u, 0, 0)};
+    return !fence.objection(craft, now.time - from.stamp, thrusts).empty();
   }
 
   /// Time to the next limit that a tick must not miss [s]; infinite if there is none.
@@ -127,6 +129,7 @@ struct LifecycleSpec {
   /// The clock of stamps was set: what was seen and pushed by it counts no more.
   void clockSet() {
     if (flying()) change(State::kStopped);
+    seen.reset();
     trusted.reset();
     pushes.clear();
   }

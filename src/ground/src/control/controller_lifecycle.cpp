@@ -102,7 +102,8 @@ void ControllerLifecycle::trust(Instant now) {
 }
 
 void ControllerLifecycle::timeJumped(Instant now, const std::string& what) {
-  trusted_.reset();  // of the clock as it was
+  measured_.reset();  // of the clock as it was
+  trusted_.reset();
   thrusts_.clear();
   if (flying()) enter(now, State::kStopped, what);
 }
@@ -202,16 +203,26 @@ bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
   return now.steady < until;
 }
 
-/// Why the craft has to be stopped to stay inside; empty if it may continue.
+/// Why the craft has to be stopped to stay inside; empty if it may continue. It carries on from the last
+/// valid state, and from the last one, which may be invalid and still be where the craft is.
 std::string ControllerLifecycle::fenceProblem(Instant now) const {
-  if (!fence_ || !trusted_ || !params_.require_state) return "";
+  if (!fence_ || !params_.require_state) return "";
+  if (trusted_ && measured_->stamp != trusted_->stamp) {
+    const std::string problem = leaving(now, *trusted_);
+    if (!problem.empty()) return problem;
+  }
+  return stateIsFinite() ? leaving(now, *measured_) : "";
+}
+
+/// Why the craft leaves the room from a state on, with the thrust since then; empty if it does not.
+std::string ControllerLifecycle::leaving(Instant now, const MeasuredState& from) const {
   Fence::Thrusts thrusts;
   for (std::size_t i = 0; i < thrusts_.size(); ++i) {
-    const double begin = std::max(thrusts_[i].since, trusted_->stamp);
+    const double begin = std::max(thrusts_[i].since, from.stamp);
     const double end = i + 1 < thrusts_.size() ? thrusts_[i + 1].since : now.time;
     thrusts.push_back({thrusts_[i].acceleration, std::max(0.0, end - begin)});
   }
-  return fence_->objection(trusted_->state, now.time - trusted_->stamp, thrusts);
+  return fence_->objection(from.state, now.time - from.stamp, thrusts);
 }
 
 /// Stores the thrust of a command for the fence.

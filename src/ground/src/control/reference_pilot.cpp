@@ -4,6 +4,8 @@
 #include <ctime>
 #include <utility>
 
+#include "ground/model/plausibility.h"
+
 namespace ground {
 namespace {
 
@@ -25,6 +27,8 @@ ReferencePilot::ReferencePilot(Clock clock, Decided decided, Clock steady)
 
 void ReferencePilot::setCraft(const Model& model) {
   input_max_ = model.body.input_max;
+  push_ = model.body.k / model.body.m;
+  nominal_volts_ = model.body.volts;
   craft_.emplace(model);
   thrusters_ = model.thrusters;
 }
@@ -57,15 +61,20 @@ void ReferencePilot::goHome(const Room& room, const std::string& why) {
 
 Vector2<double> ReferencePilot::acceleration(const Inputs& inputs) const {
   if (!craft_) return {0, 0};
+  const Thrusters<double> thrusters =
+      thrusters_->clipped(Thrusters<double>(input_max_ * asVector(inputs.thrusters)), input_max_);
   const RigidState<double> rest{Vector3<double>::Zero(), Vector3<double>::Zero()};
-  const auto at = [&](const Thrusters<double>& thrusters) -> Vector2<double> {
-    return craft_->derivative(0.0, rest, thrusters, {inputs.lift, volts_}).nu.head<2>();
+  const auto by = [&](const Thrusters<double>& some) -> Vector2<double> {
+    return craft_->derivative(0.0, rest, some, {inputs.lift, volts_}).nu.head<2>();
   };
-  const Thrusters<double> thrusters = input_max_ * asVector(inputs.thrusters);
-  return at(thrusters_->clipped(thrusters, input_max_)) - at(Thrusters<double>::zero(thrusters.size()));
+  // An effect may be wrong: it makes the acceleration larger, never smaller.
+  const Vector2<double> plain = push_ * thrusters_->atRest(thrusters).head<2>();
+  const Vector2<double> whole = by(thrusters) - by(Thrusters<double>::zero(thrusters.size()));
+  return whole.allFinite() && whole.norm() > plain.norm() ? whole : plain;
 }
 
 void ReferencePilot::voltage(double volts) {
+  if (!isPlausibleVoltage(volts, nominal_volts_)) return;
   volts_ = volts;
   if (obedience_) obedience_->voltage(volts);
 }

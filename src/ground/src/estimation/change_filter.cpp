@@ -8,6 +8,7 @@
 
 #include "ground/model/capability.h"
 #include "ground/model/measurement.h"
+#include "ground/model/plausibility.h"
 #include "ground/model/time_scale.h"
 
 namespace ground {
@@ -104,6 +105,10 @@ void ChangeFilter::reset() {
   change(craft_.drag(), craft_.drag()) = kDragLevel.known * kDragLevel.known;
   at_ = Vector::Zero(craft_.size());
   linearise();
+}
+
+void ChangeFilter::voltage(double volts) {
+  if (isPlausibleVoltage(volts, craft_.model().body.volts)) volts_ = volts;
 }
 
 void ChangeFilter::command(double time, const Thrusters<double>& thrusters, double lift) {

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "ground/model/drive_clock.h"
+#include "ground/model/plausibility.h"
 
 namespace ground {
 namespace {
@@ -59,6 +60,7 @@ void ModelMonitor::command(double time, const Thrusters<double>& thrusters, doub
 }
 
 void ModelMonitor::voltage(double time, double volts) {
+  if (!isPlausibleVoltage(volts, model_.body.volts)) return;
   if (!inputs_.battery.empty() && time < inputs_.battery.times.back()) return;
   inputs_.battery.add(time, volts);
   observer_.voltage(volts);

@@ -225,8 +225,7 @@ std::string ObedienceMonitor::disobedience(double duration) {
 bool ObedienceMonitor::waits(const std::vector<const Explanation*>& found) {
   const bool one_off = std::all_of(found.begin(), found.end(), [](const auto* one) { return one->one_off; });
   if (!one_off || dynamics_.layout().size() < 3) return false;
-  if (!waiting_ || start_.time - suspected_ > patience_) waiting_ = start_.time;
-  suspected_ = start_.time;
+  if (!waiting_) waiting_ = start_.time;
   return start_.time - *waiting_ < patience_;
 }
 

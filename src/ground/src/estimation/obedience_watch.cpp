@@ -2,11 +2,14 @@
 
 #include <utility>
 
+#include "ground/model/plausibility.h"
+
 namespace ground {
 
 ObedienceWatch::ObedienceWatch(const Model& model)
     : craft_(model),
       input_max_(model.body.input_max),
+      nominal_volts_(model.body.volts),
       monitor_(std::make_unique<ObedienceMonitor>(model)),
       told_(Eigen::VectorXd::Zero(craft_.size())) {}
 
@@ -44,6 +47,7 @@ std::string ObedienceWatch::measured(double time, const RigidState<double>& stat
 }
 
 void ObedienceWatch::voltage(double volts) {
+  if (!isPlausibleVoltage(volts, nominal_volts_)) return;
   volts_ = volts;
   monitor_->voltage(volts);
   if (usual_) usual_->voltage(volts);

@@ -11,14 +11,19 @@ Vector3<double> largestWrench(const ThrusterLayout& layout, double full) {
   Vector3<double> least = Vector3<double>::Zero(), most = Vector3<double>::Zero();
   Thrusters<double> input = Thrusters<double>::zero(count);
   if (layout.steers()) {  // a rudder needs the stream of its thruster
+    const auto consider = [&](const Thrusters<double>& some) {
+      most = most.cwiseMax(layout.atRest(some).cwiseAbs()).eval();
+    };
     for (unsigned corner = 0; corner < 1U << static_cast<unsigned>(count); ++corner) {
       for (int i = 0; i < count; ++i)
         input(i) = full * ((corner >> static_cast<unsigned>(i)) & 1U ? layout[i].most : layout[i].least);
-      const Vector3<double> wrench = layout.atRest(input);
-      least = corner ? least.cwiseMin(wrench).eval() : wrench;
-      most = corner ? most.cwiseMax(wrench).eval() : wrench;
+      consider(input);
+      for (int i = 0; i < count; ++i)
+        if (!layout.pushes(i)) input(i) = 0;  // an angle of half a turn pushes ahead at neither end
+      consider(input);
     }
-    return least.cwiseAbs().cwiseMax(most);
+    for (const bool starboard : {false, true}) consider(fastestTurn(layout, starboard, full));
+    return most;
   }
   for (int i = 0; i < count; ++i) {
     input(i) = full * layout[i].least;

@@ -161,6 +161,12 @@ Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& 
 
 }  // namespace
 
+bool isPlausibleVoltage(double volts, double nominal) {
+  constexpr double kLeast = 0.6, kMost = 1.6;  // of the nominal one
+  return std::isfinite(volts) && volts > 0 &&
+         (!(nominal > 0) || (volts > kLeast * nominal && volts < kMost * nominal));
+}
+
 std::vector<Implausibility> implausibilities(const Body<double>& given, const ThrusterLayout& layout) {
   Body<double> body = given;
   Body<double> unit = given;

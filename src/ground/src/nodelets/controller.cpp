@@ -41,6 +41,7 @@ void Controller::shutdown() {
   sender_subscriber_.shutdown();
   controls_subscriber_.shutdown();
   drive_subscriber_.shutdown();
+  telemetry_subscriber_.shutdown();
   start_service_.shutdown();
   stop_service_.shutdown();
   const std::lock_guard lock(mutex_);

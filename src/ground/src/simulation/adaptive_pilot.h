@@ -41,6 +41,11 @@ class AdaptivePilot : public ReferencePilot {
     if (monitor_) monitor_->command(time, input_max_ * asVector(inputs.thrusters), inputs.lift);
   }
 
+  void voltage(double volts) override {
+    ReferencePilot::voltage(volts);
+    if (monitor_) monitor_->voltage(volts);
+  }
+
   std::string objection(const MeasuredState& measured) override {
     if (monitor_ && monitor_->measure(measured.stamp, measured.state)) look(measured.stamp);
     return ReferencePilot::objection(measured);

@@ -50,8 +50,8 @@ class Pilot {
   virtual ~Pilot() = default;
   /// The thrusters that it commands.
   virtual const ThrusterLayout& layout() const { return *thrusterPair(); }
-  /// Acceleration of a craft at rest by thrusters with these inputs, body axes [m/s^2], for the fence; 0 if
-  /// the craft is unknown.
+  /// Acceleration of a craft at rest by thrusters with these inputs, body axes [m/s^2], for the fence, rather
+  /// too large; 0 if the craft is unknown.
   virtual Vector2<double> acceleration(const Inputs& /*inputs*/) const { return {0, 0}; }
   /// Called with every command that is sent, by any controller, in order of time (clock of stamps)
   /// [s].
@@ -222,6 +222,7 @@ class ControllerLifecycle {
   std::string jumped(const MeasuredState& state) const;
   bool bridge(Instant now, const std::string& problem);
   std::string fenceProblem(Instant now) const;
+  std::string leaving(Instant now, const MeasuredState& from) const;
   void noteThrust(double time, const Inputs& inputs);
   void act(Instant now);
   void schedule(double elapsed);

@@ -80,6 +80,8 @@ class ReferencePilot : public Pilot {
   static constexpr std::size_t kGiven = 128;
   std::vector<std::pair<double, Inputs>> given_;  ///< the last kGiven commands and their times [s]
   double input_max_ = 1;
+  double push_ = 0;  ///< acceleration per unit of ThrusterLayout::atRest, k/m; 0 if the craft is unknown
+  double nominal_volts_ = 0;  ///< at which k holds [V]; 0: not known
   std::optional<Dynamics<double>> craft_;
   std::optional<double> volts_;  ///< of the battery [V]
   ThrusterLayoutPtr thrusters_ = thrusterPair();

@@ -14,9 +14,9 @@ struct Observation {
   double stamp = 0;          ///< time at which the state was measured, at most `now` [s]
   RigidState<double> state;  ///< measured state
   const ReferenceTrajectory* reference = nullptr;
-  double reference_start = 0;                 ///< time at which the reference begins [s]
-  Conditions<double> given{1, std::nullopt};  ///< lift and voltage from now on
-  double drive_start = 0;                     ///< start of the drive, at which the model's t is 0 [s]
+  double reference_start = 0;  ///< time at which the reference begins [s]
+  Conditions<double> given;    ///< lift and voltage from now on
+  double drive_start = 0;      ///< start of the drive, at which the model's t is 0 [s]
 };
 
 /// Computes inputs from states to follow a reference. One thread at a time.

@@ -47,7 +47,7 @@ class ChangeFilter {
   /// Adds a command in the model's units; its time [s] must not descend.
   void command(double time, const Thrusters<double>& thrusters, double lift);
   /// The voltage of the battery from now on [V].
-  void voltage(double volts) { volts_ = volts; }
+  void voltage(double volts);
   /// See DriveClock::record.
   void driveBegan(double began, double as_of) { inputs_.drive.record(began, as_of); }
   /// Moves to a measurement at `time` [s] and corrects by its pose. Returns nothing where the filter

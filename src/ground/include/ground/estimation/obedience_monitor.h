@@ -99,7 +99,6 @@ class ObedienceMonitor {
   std::deque<Interval> intervals_;
   double patience_ = 0;            ///< [s]
   std::optional<double> waiting_;  ///< since when it waits, by the time of states [s]
-  double suspected_ = 0;           ///< when one thruster last seemed to be off [s]
 };
 
 }  // namespace ground

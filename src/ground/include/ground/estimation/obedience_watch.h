@@ -34,7 +34,7 @@ class ObedienceWatch {
   void applyPatience() { monitor_->setPatience(adapts_ ? timeout_ : 0); }
 
   CraftChange craft_;
-  double input_max_;
+  double input_max_, nominal_volts_;
   double timeout_ = 0;
   bool adapts_ = false;
   std::unique_ptr<ObedienceMonitor> monitor_;

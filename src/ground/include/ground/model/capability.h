@@ -4,8 +4,8 @@
 
 namespace ground {
 
-/// What the thrusters of a craft at rest can do at most, at the voltage at which k holds. Here and nowhere
-/// else: monitors, filters, time scales and plausibility take it from it.
+/// What the thrusters of a craft at rest can do at most, at the voltage at which k holds. Monitors, time
+/// scales and plausibility take it from here.
 struct Capability {
   Vector3<double> wrench;  ///< largest |X|, |Y| [N], |N| [N m], each by inputs of its own
   double force;            ///< in the direction in which it is strongest, without angles [N]

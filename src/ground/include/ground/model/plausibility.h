@@ -15,6 +15,11 @@ struct Implausibility {
   bool refused = false;  ///< the thrusters could not move the craft, or would tear it apart
 };
 
+/// Whether a battery may have a voltage [V] where k holds at `nominal` [V] (0: not known, and nothing depends
+/// on it): full cells have up to 1.2 times, empty ones under load 0.7 times their nominal one. One cell of
+/// two, or millivolts, are not plausible; who hears of them keeps what it knew.
+bool isPlausibleVoltage(double volts, double nominal);
+
 /// The implausible values of a craft; empty for a plausible craft.
 ///
 /// The check uses ratios of the body's parameters that are similar for all crafts of 0.02 to 50 kg,
