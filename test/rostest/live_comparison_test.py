@@ -248,11 +248,11 @@ class LiveComparisonTest(unittest.TestCase):
             )
 
     def check_voltage(self):
-        """A model whose thrust follows the voltage uses that of the telemetry: half of it makes it wrong."""
+        """A model whose thrust follows the voltage uses that of the telemetry: two thirds of it make it wrong."""
         with open(SAGGING) as text:
             model = ground.Model.parse(text.read().replace("body:", "body:\n  volts: 7.4", 1))
         file = os.path.join(tempfile.mkdtemp(), "by_voltage.yaml")
-        model.with_effect("battery_voltage", p=2).save(file)
+        model.with_effect("battery_voltage", p=4).save(file)
         answer = rospy.ServiceProxy("live_comparison/load_model2", LoadModel)(file=file)
         self.assertTrue(answer.success, answer.message)
 
@@ -266,10 +266,10 @@ class LiveComparisonTest(unittest.TestCase):
         craft = rospy.Publisher("sender/telemetry", Telemetry, queue_size=1)
 
         def fails():
-            craft.publish(Telemetry(header=Header(stamp=rospy.Time.now()), voltage=3.7))
+            craft.publish(Telemetry(header=Header(stamp=rospy.Time.now()), voltage=5.0))
             return error() > 6
 
-        harness.wait_for(fails, 20, "errors with half the voltage")
+        harness.wait_for(fails, 20, "errors with two thirds of the voltage")
 
 
 if __name__ == "__main__":
