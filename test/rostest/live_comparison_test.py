@@ -248,7 +248,7 @@ class LiveComparisonTest(unittest.TestCase):
             )
 
     def check_voltage(self):
-        """A model whose thrust follows the voltage uses that of the telemetry: two thirds of it make it wrong."""
+        """A model whose thrust follows the voltage uses the telemetry's: two thirds of it make it wrong."""
         with open(SAGGING) as text:
             model = ground.Model.parse(text.read().replace("body:", "body:\n  volts: 7.4", 1))
         file = os.path.join(tempfile.mkdtemp(), "by_voltage.yaml")
