@@ -56,10 +56,8 @@ class Conditions:
 
     noise: bool = False  # whether the state is estimated from a noisy mocap; else it is the true one
     delay: float = 0.0  # time from measurement to command [s]
-    battery: Tuple[float, float] = (
-        0.0,
-        1.0,
-    )  # how long it lasts at full power [s], 0: none; charge at the start
+    # how long the battery lasts at full power [s], 0 without one, and its charge at the start
+    battery: Tuple[float, float] = (0.0, 1.0)
 
 
 def reference(kind: str, **settings: Any) -> _core.ReferenceParams:
