@@ -207,7 +207,7 @@ bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
 /// valid state, and from the last one, which may be invalid and still be where the craft is.
 std::string ControllerLifecycle::fenceProblem(Instant now) const {
   if (!fence_ || !params_.require_state) return "";
-  if (trusted_ && measured_->stamp != trusted_->stamp) {
+  if (trusted_ && !(measured_->valid && stateIsFinite())) {
     const std::string problem = leaving(now, *trusted_);
     if (!problem.empty()) return problem;
   }
