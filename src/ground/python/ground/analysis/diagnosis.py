@@ -26,7 +26,7 @@ from ground.analysis.candidates import Candidate
 from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.evidence import Dropped
 from ground.analysis.judge import Comparison, Tested, compared
-from ground.analysis.likelihood import Fit, Kind, Likelihood
+from ground.analysis.likelihood import COARSE, Fit, Kind, Likelihood
 from ground.analysis.score_tests import UNSEEN
 from ground.analysis.search import LEVEL, LookAlike, Search
 from ground.analysis.simulation_search import SimulationSearch
@@ -99,8 +99,9 @@ class Diagnosis:
             # everything that may differ between runs does
             self.varied = Likelihood(runs, model, threads=self.threads)
             self.samples = 3 * sum(len(run.times) for run in self.varied.runs)  # that the likelihood is of
-            fit = self.varied.fit(model, window_error.free_parameters(model))
-            self._begin(run_differences.differences(self.varied, fit), fit)
+            fit = self.varied.fit(model, window_error.free_parameters(model), least_gain=COARSE)
+            self.bare = run_differences.differences(self.varied, fit)  # beside the model as it is
+            self._begin(self.bare, fit)
 
     def _begin(self, differences: Mapping[Kind, float], near: Fit) -> None:
         """Starts a search in which the differences between runs are random effects."""
@@ -219,7 +220,7 @@ class Diagnosis:
             # predicted without the difference.
             likeliest = max([found, *self.search.refused(found)], key=self.search.value)
             fit = self.search.fits[likeliest]
-            differences = run_differences.differences(self.varied, fit)
+            differences = run_differences.differences(self.varied, fit) if likeliest else self.bare
             if differences.keys() == self.differences.keys():
                 self.differences = differences
                 return found

@@ -22,6 +22,7 @@ _T = TypeVar("_T")
 
 CAP = 25.0  # squared Mahalanobis distance above which a pose counts as noisier
 LEAST_GAIN = 0.01  # of the log-posterior, below which a fit ends
+COARSE = 0.2  # the same of a fit from which others start, or of one of many that are compared
 ABSENT = 1e-3  # share of a usual level that has no effect
 
 

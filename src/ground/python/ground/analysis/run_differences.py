@@ -11,7 +11,7 @@ from typing import Dict, Mapping
 import numpy as np
 
 from ground.analysis.distributions import chi_squared_above
-from ground.analysis.likelihood import ABSENT, KINDS, Fit, Kind, Likelihood
+from ground.analysis.likelihood import ABSENT, COARSE, KINDS, Fit, Kind, Likelihood
 from ground.analysis.window_error import WRENCH, with_wrench
 
 # Probability of a false finding. It is low, because a disturbance whose correlation time changes
@@ -28,7 +28,7 @@ def differences(likelihood: Likelihood, fit: Fit) -> Dict[Kind, float]:
         return {}
     model = with_wrench(fit.model)
     free = list(dict.fromkeys([*fit.free, *WRENCH]))
-    full = likelihood.fit(model, free, near=_with_all(likelihood, fit))
+    full = likelihood.fit(model, free, near=_with_all(likelihood, fit), least_gain=COARSE)
     # a slower random wrench would replace a constant one
     slowest = SLOWEST * float(np.median([run.times[-1] - run.times[0] for run in likelihood.runs]))
     slow = {k.time: slowest for k in KINDS if k.time and full.levels[k.time] > slowest}

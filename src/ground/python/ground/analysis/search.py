@@ -15,7 +15,7 @@ import numpy as np
 from ground import _core
 from ground.analysis.candidates import Candidate, parameters_of, turned
 from ground.analysis.distributions import chi_squared_limit
-from ground.analysis.likelihood import LEAST_GAIN, Fit, Likelihood
+from ground.analysis.likelihood import COARSE, LEAST_GAIN, Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.window_error import FEW_WINDOWS, WindowFitter, free_parameters
 from ground.support.annotations import Each
@@ -31,7 +31,6 @@ MIN_GAIN = 3.0  # expected gain per parameter that a refit needs
 WALD_MARGIN = 10.0
 RIVALS = 3  # effects that are tried in the place of a chosen one
 MIN_RIVAL_GAIN = 0.4  # least expected gain of a rival, relative to the chosen effect's
-COARSE = 0.2  # least gain (LEAST_GAIN) of fits of which the best is continued
 MAX_LOSS = 0.1  # loss of log-likelihood up to which two models do the same
 MIN_CHANGE = 0.05  # relative change of a parameter that has made room for an effect
 
