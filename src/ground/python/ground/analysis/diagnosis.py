@@ -247,7 +247,6 @@ class Diagnosis:
     def _without_refuted(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """The set without effects that held-out data refute or that do not matter."""
         while found:
-            self.judge(found)
             objections: Dict[str, str] = {}
             for name, rest in zip(sorted(found), self.search.without_each(found, sorted(found))):
                 why, fits = self._refuted(found, rest), self.search.fits
@@ -276,7 +275,8 @@ class Diagnosis:
     def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Comparison:
         """A set compared with a smaller one on parts of the runs that neither was fitted to. What matters
         does not count: of many effects some would be vetoed by chance."""
-        return compared(self.judge(found).tested, self.judge(rest).tested, np.full(2, np.inf))
+        tested = (self.folds.test(self.search.fits[names])[0] for names in (found, rest))
+        return compared(*tested, np.full(2, np.inf))
 
     def compared(self, larger: Tested, smaller: Tested) -> Comparison:
         """The Comparison of two hypotheses, by what matters here."""

@@ -1,7 +1,7 @@
 """Data that are held out of a fit: which parts, and how well models predict what they were not fitted to."""
 
 from dataclasses import dataclass, replace
-from typing import List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -68,6 +68,7 @@ class Folds:
         self.tested = [likelihood(parts[f :: self.count]) for f in folds]
         self.fold_of = window_error.parts_of(runs, cut)
         self.start_of = window_error.parts_of(runs, at.windows)
+        self._tests: Dict[Fit, Tuple[Tested, Sequence[Fit]]] = {}
 
     def models(self, fit: Fit) -> List[Fit]:
         """Models refitted without each fold, starting from a Fit to all runs; its levels are kept. Raises
@@ -93,13 +94,12 @@ class Folds:
     def judge(self, fit: Fit) -> Judged:
         """The Judged of a Fit to all runs. Its errors are infinite where a motion is not finite: the filter
         of a likelihood holds an unstable model at what was measured, and predictions do not."""
+        tested, refitted = self.test(fit)
         try:
-            refitted = self.models(fit)
             error = window_error.channel_errors(self.runs, self.cut, fit.model)
         except GroundError:
-            never, none = np.full(3, np.inf), np.full((len(self.at.windows), 2), np.inf)
-            tested = Tested(none, self.start_of, (np.array([-np.inf]),) * self.count)
-            return Judged(fit.model, fit.parameters, never, never, tested, fit, [fit] * self.count)
+            never = np.full(3, np.inf)
+            return Judged(fit.model, fit.parameters, never, never, self._never(), fit, refitted)
         heldout = np.zeros((len(self.cut), 3))
         for fold, other in enumerate(refitted):
             inside = np.flatnonzero(self.fold_of == fold)
@@ -107,7 +107,22 @@ class Folds:
                 own = [self.cut[i] for i in inside]
                 heldout[inside] = window_error.calibrated_errors(self.runs, own, self.whole, other)
         mean = window_error.mean(self.cut, heldout)
-        return Judged(fit.model, fit.parameters, error, mean, self._tested(refitted), fit, refitted)
+        return Judged(fit.model, fit.parameters, error, mean, tested, fit, refitted)
+
+    def test(self, fit: Fit) -> Tuple[Tested, Sequence[Fit]]:
+        """What a Fit's refits to all but each part predict of it, and these refits."""
+        if fit not in self._tests:
+            try:
+                refitted = self.models(fit)
+                self._tests[fit] = self._tested(refitted), refitted
+            except GroundError:
+                self._tests[fit] = self._never(), [fit] * self.count
+        return self._tests[fit]
+
+    def _never(self) -> Tested:
+        """Of a motion that is not finite."""
+        errors = np.full((len(self.at.windows), 2), np.inf)
+        return Tested(errors, self.start_of, (np.array([-np.inf]),) * self.count)
 
     def judge_simulated(self, fit: Fit, found: window_error.WindowFit) -> Judged:
         """The Judged of a model that was fitted by simulation error to the windows; fit: a Fit of the levels

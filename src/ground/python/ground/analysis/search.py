@@ -86,7 +86,7 @@ class Search:
             self.fits[current] = self.likelihood.fit(near.model, near.free, near)
             current = self._prune(current)
         while True:
-            better = self._grow(current) or self._swap(current)
+            better = self._grow(current) or (self._swap(current) if near is None else None)
             if better is None:
                 return current
             current = self._prune(better)

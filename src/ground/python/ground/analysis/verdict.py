@@ -213,7 +213,7 @@ def _by_simulation(
     for part in (1.0, 1 / 3):
         with contextlib.suppress(GroundError):  # the simulation diverges
             length = part * windows.length(found.runs)
-            fitter = window_error.WindowFitter(found.runs, threads=1, length=length)
+            fitter = window_error.WindowFitter(found.runs, found.threads, length=length)
             fitted = fitter.fit(model, free, also)
             refits.append(folds.judged_windows(fitted, found.tested(fitter, fitted)))
     return refits
