@@ -270,7 +270,7 @@ def test_a_nameless_effect_has_the_size_that_was_drawn(kind):
     assert 0.5 < truth["explained_true"] < 1
 
 
-def judged(kind, seed, run=3):
+def judged(kind, seed, run=3, unsmoothed=False):
     """A case, its Blocks of a fresh run for a horizon of 1 s, and the model with its library effects."""
     case = hidden.KINDS[kind][0](kind, seed)
     model = hidden_cases.given_model(case)
@@ -280,7 +280,7 @@ def judged(kind, seed, run=3):
         model.add_effect(effect)
         for name, value in case.effects[effect].items():
             model.set_value("%s.%s" % (effect, name), value)
-    return case, hidden_judge.Blocks(case, run, hidden_cases.fly(case, run), 1.0), model
+    return case, hidden_judge.Blocks(case, run, hidden_cases.fly(case, run), 1.0, unsmoothed), model
 
 
 @pytest.mark.parametrize("kind, seed", [("nothing", 2), ("library", 4), ("holds_place", 2), ("library", 21)])
@@ -289,6 +289,13 @@ def test_the_right_model_predicts_fresh_runs_as_the_true_craft_does(kind, seed):
     of_model = blocks.errors_of(hidden_judge.craft_of(model))
     np.testing.assert_allclose(of_model, blocks.errors_of_truth(), rtol=0.02, atol=1e-4)
     assert len(of_model) > 10
+
+
+@pytest.mark.parametrize("kind", ["smoothed_late", "smoothed_both"])
+def test_the_right_model_predicts_poses_as_they_were_before_the_mocap_smoothed_them(kind):
+    _, blocks, model = judged(kind, 7, unsmoothed=True)
+    of_model = blocks.errors_of(hidden_judge.craft_of(model))
+    np.testing.assert_allclose(of_model, blocks.errors_of_truth(), rtol=0.02, atol=1e-4)
 
 
 @pytest.mark.parametrize("kind", ["smoothed_late", "smoothed_both", "late_stamps", "slew", "swaying"])
