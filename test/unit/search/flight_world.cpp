@@ -80,9 +80,7 @@ FlightWorld::FlightWorld(Shared& shared)
             return params;
           }(),
           {},
-          [at = &shared](const std::string& datagram, const UdpAddress&) {
-            MotorCommand command;
-            decodeMotors(datagram, command);
+          [at = &shared](const MotorCommand& command, const UdpAddress&) {
             at->packets.push_back(command);
             return std::string();
           }),
@@ -146,7 +144,7 @@ void FlightWorld::rival(const std::string& name) {
 
 void FlightWorld::telemetry() {
   heard_ = now_;
-  link_.datagram(now_, encodeTelemetry(CraftTelemetry()), kCraft);
+  link_.datagram(now_, CraftTelemetry(), kCraft);
   exchange();
 }
 

@@ -85,21 +85,18 @@ bool GroundLink::isCraft(double now, const UdpAddress& from, bool telemetry) {
   return true;
 }
 
-std::optional<CraftTelemetry> GroundLink::datagram(double now, const std::string& data,
-                                                   const UdpAddress& from) {
-  CraftTelemetry telemetry;
-  const bool understood = decodeTelemetry(data, telemetry);
-  if (!understood) ++counters_.malformed;
-  if (!isCraft(now, from, understood)) {
+bool GroundLink::datagram(double now, const std::optional<CraftTelemetry>& telemetry, const UdpAddress& from) {
+  if (!telemetry) ++counters_.malformed;
+  if (!isCraft(now, from, telemetry.has_value())) {
     ++counters_.foreign;
-    return std::nullopt;
+    return false;
   }
   peer_heard_ = now;
-  if (!understood) return std::nullopt;
+  if (!telemetry) return false;
   peer_speaks_ = peer_locked_ = true;
   ++counters_.received;
-  if (restarted(now, telemetry) && state_ == State::kArmed) fault(now, "the craft has restarted");
-  return telemetry;
+  if (restarted(now, *telemetry) && state_ == State::kArmed) fault(now, "the craft has restarted");
+  return true;
 }
 
 /// Whether telemetry of the craft shows that it has restarted. UDP repeats datagrams and delivers some late,
@@ -327,7 +324,7 @@ void GroundLink::sendZero(double now) { sendPacket(now, MotorCommand::off(layout
 
 void GroundLink::sendPacket(double now, const MotorCommand& command) {
   if (peer_.port == 0) return;
-  const std::string problem = send_(encodeMotors(command, *layout_), peer_);
+  const std::string problem = send_(command, peer_);
   sent_ = command;
   if (problem.empty()) {
     ++counters_.sent;

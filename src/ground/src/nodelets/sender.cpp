@@ -26,6 +26,7 @@
 #include "ground/estimation/obedience_watch.h"
 #include "ground/link/ground_link.h"
 #include "ground/link/own_stop.h"
+#include "ground/link/protocol.h"
 #include "ground/model/drive_clock.h"
 #include "ground/nodelets/background.h"
 #include "ground/nodelets/controls.h"
@@ -131,8 +132,9 @@ class Sender : public Shell {
     socket_ = std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
     link_ = std::make_unique<GroundLink>(
         GroundLinkParams(), peer,
-        [this](const std::string& data, const UdpAddress& to) {
-          return socket_->send(data, to) ? std::string() : std::string(std::strerror(errno));
+        [this](const MotorCommand& command, const UdpAddress& to) {
+          const bool sent = socket_->send(encodeMotors(command, *layout_), to);
+          return sent ? std::string() : std::string(std::strerror(errno));
         },
         layout_);
   }
@@ -277,7 +279,10 @@ class Sender : public Shell {
       const std::string jump = time_watch_.look();
       if (!jump.empty()) link_->timeJumped(now, jump);
       if (came) {
-        if (const auto telemetry = link_->datagram(now, data, from)) report(*telemetry);
+        CraftTelemetry telemetry;
+        const bool understood = decodeTelemetry(data, telemetry);
+        if (link_->datagram(now, understood ? std::make_optional(telemetry) : std::nullopt, from))
+          report(telemetry);
       }
       link_->tick(now);
       if (link_->current() == GroundLink::State::kArmed) confine();  // the craft moves on unseen

@@ -43,8 +43,8 @@ class GroundLink {
   struct Counters {
     std::uint64_t sent = 0, received = 0, malformed = 0, foreign = 0, refused = 0;
   };
-  /// Sends a datagram; returns an error message, or an empty string.
-  using Send = std::function<std::string(const std::string& datagram, const UdpAddress& to)>;
+  /// Sends a command to the craft; returns an error message, or an empty string.
+  using Send = std::function<std::string(const MotorCommand& command, const UdpAddress& to)>;
 
   /// `layout`: the thrusters of the craft. `peer`: its address if fixed (port 0: any port); unknown
   /// if it is learned from the first datagram. Throws std::invalid_argument if params are bad.
@@ -54,8 +54,9 @@ class GroundLink {
   /// Throws std::invalid_argument, and keeps the old parameters, if the new ones are bad.
   void setParams(const GroundLinkParams& params);
 
-  /// Call with every received datagram. Returns the craft's telemetry if it contains it.
-  std::optional<CraftTelemetry> datagram(double now, const std::string& data, const UdpAddress& from);
+  /// Call with every received datagram; `telemetry`: what it contains, no value if it cannot be read. Returns
+  /// whether it is telemetry of the craft.
+  bool datagram(double now, const std::optional<CraftTelemetry>& telemetry, const UdpAddress& from);
   /// Call with every command. `source`: name of the controller; `age`: time since it was issued
   /// [s], negative for a stamp in the future. Refuses and counts a command that is not finite, for
   /// other thrusters than those of the craft, too old, more than a second ahead or, while armed,
