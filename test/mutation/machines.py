@@ -13,7 +13,7 @@ sys.path.append(str(pathlib.Path(__file__).resolve().parent.parent / "bench"))
 import changed
 import sampling
 
-FILES = ["link/ground_link.cpp", "control/controller_lifecycle.cpp"]
+FILES = ["safety/ground_link.cpp", "safety/controller_lifecycle.cpp"]
 
 
 def options():

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "explore.h"
-#include "ground/control/controller_lifecycle.h"
-#include "ground/link/ground_link.h"
+#include "ground/safety/controller_lifecycle.h"
+#include "ground/safety/ground_link.h"
 #include "lifecycle_world.h"
 
 namespace ground {

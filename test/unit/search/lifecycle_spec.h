@@ -7,7 +7,7 @@
 #include <optional>
 #include <vector>
 
-#include "ground/control/controller_lifecycle.h"
+#include "ground/safety/controller_lifecycle.h"
 
 namespace ground {
 namespace lifecycle_search {

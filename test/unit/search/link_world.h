@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "explore.h"
-#include "ground/link/ground_link.h"
+#include "ground/safety/ground_link.h"
 #include "link_spec.h"
 
 namespace ground {

@@ -4,11 +4,11 @@
 #include <chrono>
 #include <cmath>
 
-#include "ground/control/fence_bound.h"
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/messages.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/real_time_threads.h"
+#include "ground/safety/fence_bound.h"
 
 namespace ground {
 namespace {

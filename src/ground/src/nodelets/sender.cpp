@@ -22,9 +22,6 @@
 #include <pluginlib/class_list_macros.hpp>
 #include <thread>
 
-#include "ground/control/fence.h"
-#include "ground/estimation/obedience_watch.h"
-#include "ground/link/ground_link.h"
 #include "ground/link/own_stop.h"
 #include "ground/link/protocol.h"
 #include "ground/model/drive_clock.h"
@@ -37,6 +34,9 @@
 #include "ground/nodelets/real_time_threads.h"
 #include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
+#include "ground/safety/fence.h"
+#include "ground/safety/ground_link.h"
+#include "ground/safety/obedience_watch.h"
 
 namespace ground {
 

@@ -8,12 +8,12 @@
 #include <utility>
 #include <vector>
 
-#include "ground/control/controller_lifecycle.h"
-#include "ground/control/room.h"
 #include "ground/control/tracking_controller.h"
 #include "ground/control/tracking_watch.h"
-#include "ground/estimation/obedience_monitor.h"
 #include "ground/model/drive_clock.h"
+#include "ground/safety/controller_lifecycle.h"
+#include "ground/safety/obedience_monitor.h"
+#include "ground/safety/room.h"
 
 namespace ground {
 

@@ -9,10 +9,10 @@
 #include <utility>
 #include <vector>
 
-#include "ground/control/fence.h"
 #include "ground/model/dynamics.h"
 #include "ground/model/inputs.h"
 #include "ground/parameters/LifecycleFields.h"
+#include "ground/safety/fence.h"
 
 namespace ground {
 

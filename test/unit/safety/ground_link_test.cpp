@@ -1,5 +1,5 @@
 // The state machine and the peer rules of the link, on a simulated clock.
-#include "ground/link/ground_link.h"
+#include "ground/safety/ground_link.h"
 
 #include <gtest/gtest.h>
 

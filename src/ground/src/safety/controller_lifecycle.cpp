@@ -1,4 +1,4 @@
-#include "ground/control/controller_lifecycle.h"
+#include "ground/safety/controller_lifecycle.h"
 
 #include <algorithm>
 #include <cmath>

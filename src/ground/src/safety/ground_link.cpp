@@ -1,4 +1,4 @@
-#include "ground/link/ground_link.h"
+#include "ground/safety/ground_link.h"
 
 #include <algorithm>
 #include <cmath>
@@ -85,7 +85,8 @@ bool GroundLink::isCraft(double now, const UdpAddress& from, bool telemetry) {
   return true;
 }
 
-bool GroundLink::datagram(double now, const std::optional<CraftTelemetry>& telemetry, const UdpAddress& from) {
+bool GroundLink::datagram(double now, const std::optional<CraftTelemetry>& telemetry,
+                          const UdpAddress& from) {
   if (!telemetry) ++counters_.malformed;
   if (!isCraft(now, from, telemetry.has_value())) {
     ++counters_.foreign;
