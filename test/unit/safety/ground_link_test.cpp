@@ -112,9 +112,9 @@ TEST_F(GroundLinkTest, ArmsOnlyWithEverythingInPlace) {
   command(kZero);
   EXPECT_EQ(arm(), "there is no state");
   state(false);
-  EXPECT_EQ(arm(), "there is no valid state: lost");
+  EXPECT_EQ(arm(), "the state is invalid: lost");
   state(false, 0.25);  // as before the first pose, whose stamp is zero
-  EXPECT_EQ(arm(), "there is no valid state: lost");
+  EXPECT_EQ(arm(), "the state is invalid: lost");
   state(true, 0.25);
   EXPECT_EQ(arm(), "the state is stale");
   state(true, kNan);

@@ -14,7 +14,7 @@ namespace lifecycle_search {
 
 struct LifecycleSpec {
   using State = ControllerLifecycle::State;
-  static constexpr double kHandover = 0.2;              ///< [s]
+  static constexpr double kHandover = 0.2, kAhead = 1;  ///< [s]
   static constexpr double kJump = 0.2, kJumpSpeed = 2;  ///< [m], [m/s]
   static constexpr double kTurn = 0.6, kTurnRate = 10;  ///< [rad], [rad/s]
 
@@ -22,6 +22,7 @@ struct LifecycleSpec {
   struct Seen {
     double stamp, x, u, heading;
     bool valid, finite;
+    bool ahead = false;  ///< its stamp is of another clock
   };
   /// Thrust from a time on, clock of stamps.
   struct Push {
@@ -51,8 +52,8 @@ struct LifecycleSpec {
   /// Whether the state allows driving.
   bool supported(Instant now) const {
     if (!params.require_state) return true;
-    return seen && seen->valid && seen->finite && now.steady < seen_at + params.state_timeout &&
-           now.time < seen->stamp + params.state_timeout;
+    return seen && seen->valid && seen->finite && !seen->ahead &&
+           now.steady < seen_at + params.state_timeout && now.time < seen->stamp + params.state_timeout;
   }
   bool maySend() const { return armed || !params.require_armed; }
 
@@ -137,6 +138,7 @@ struct LifecycleSpec {
   void measure(Instant now, const Seen& measured) {
     if (!params.require_state) return;
     seen = measured;
+    seen->ahead = measured.stamp > now.time + kAhead;
     seen_at = now.steady;
     if (measured.valid && measured.finite) {
       trusted = measured;
@@ -188,7 +190,8 @@ struct LifecycleSpec {
       v.stamp(trusted ? std::max(one.since, trusted->stamp) : one.since);
       v.value(one.acceleration);
     }
-    for (const bool flag : {armed, lifted, seen && seen->valid, seen && seen->finite}) v.value(flag);
+    for (const bool flag : {armed, lifted, seen && seen->valid, seen && seen->finite, seen && seen->ahead})
+      v.value(flag);
   }
 };
 

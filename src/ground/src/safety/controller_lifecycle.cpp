@@ -76,7 +76,7 @@ void ControllerLifecycle::otherDrives(Instant now, const std::string& name, doub
 void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (!params_.require_state) return;
   measured_ = measured;
-  measured_at_ = now.steady;
+  loss_.received(now, measured.stamp, measured.valid, measured.problem);
   if (measured.valid && stateIsFinite()) trust(now);
   tick(now);
   if (state_ == State::kRunning && change_at_) {
@@ -103,6 +103,7 @@ void ControllerLifecycle::trust(Instant now) {
 
 void ControllerLifecycle::timeJumped(Instant now, const std::string& what) {
   measured_.reset();  // of the clock as it was
+  loss_.reset();
   trusted_.reset();
   thrusts_.clear();
   if (flying()) enter(now, State::kStopped, what);
@@ -141,8 +142,9 @@ Instant ControllerLifecycle::due() const {
   Instant due{repeatAt(), kNever};
   const bool lost = lost_since_.has_value();
   if (measured_ && !lost && (state_ == State::kLifting || state_ == State::kRunning)) {
-    due.steady = std::min(due.steady, measured_at_ + params_.state_timeout);
-    due.time = std::min(due.time, measured_->stamp + params_.state_timeout);
+    const Instant stale = loss_.until(params_.state_timeout);
+    due.steady = std::min(due.steady, stale.steady);
+    due.time = std::min(due.time, stale.time);
   }
   if (state_ == State::kLifting && !lost) due.time = std::min(due.time, liftedAt());
   if (driving()) due.time = std::min(due.time, running_since_ + end());
@@ -153,14 +155,8 @@ Instant ControllerLifecycle::due() const {
 
 std::string ControllerLifecycle::stateProblem(Instant now) const {
   if (!params_.require_state) return "";
-  if (!measured_) return "there is no state";
-  if (!measured_->valid) return "the state is invalid: " + measured_->problem;
-  // A state may arrive in time with an old stamp.
-  if (now.steady >= measured_at_ + params_.state_timeout ||
-      now.time >= measured_->stamp + params_.state_timeout)
-    return "the state is stale";
-  if (!stateIsFinite()) return "the state is not finite";
-  return "";
+  const std::string lost = loss_.problem(now, params_.state_timeout);
+  return lost.empty() && !stateIsFinite() ? "the state is not finite" : lost;
 }
 
 bool ControllerLifecycle::stateIsFinite() const {

@@ -13,6 +13,7 @@
 #include "ground/model/inputs.h"
 #include "ground/parameters/LifecycleFields.h"
 #include "ground/safety/fence.h"
+#include "ground/safety/freshness.h"
 
 namespace ground {
 
@@ -22,12 +23,6 @@ struct LifecycleParams : LifecycleFields {
   /// Whether it waits for a valid state, and stops without one. Otherwise it ignores states and the
   /// fence: for a bench where the craft is fastened.
   bool require_state = true;
-};
-
-/// One instant on two clocks: the steady clock of the watchdogs, and the clock of stamps, which may
-/// be set. A simulation has one clock for both.
-struct Instant {
-  double steady, time;  ///< [s]
 };
 
 /// State of the craft, estimated from the mocap.
@@ -172,7 +167,7 @@ class ControllerLifecycle {
       visitor.value(t.has_value());
       if (t) visitor.stamp(*t);
     }
-    visitor.since(measured_at_);
+    visitor.deadline(loss_.until(params_.state_timeout).steady);
     for (const std::optional<MeasuredState>* measured : {&measured_, &known_, &trusted_}) {
       visitor.value(measured->has_value());
       if (!*measured) continue;
@@ -245,7 +240,7 @@ class ControllerLifecycle {
   std::optional<Fence> fence_;
   bool armed_ = false;
   std::optional<MeasuredState> measured_;
-  double measured_at_ = 0;                        ///< steady clock [s]
+  StateLoss loss_;                                ///< of measured_
   std::optional<MeasuredState> known_;            ///< the last state used for control
   std::optional<MeasuredState> trusted_;          ///< the last valid state, from which the fence carries on
   double lifting_since_ = 0, running_since_ = 0;  ///< clock of stamps [s]
