@@ -18,17 +18,6 @@ constexpr double kWatch = 0.005;       // longest interval of ticks of the life 
 // Largest pace of a simulated clock [-], and shortest interval of ticks with it [s].
 constexpr double kMaxPace = 10, kSimulatedTick = 5e-4;
 
-MeasuredState measuredState(const ground_msgs::State& message, double stamp) {
-  MeasuredState measured;
-  measured.stamp = stamp;
-  measured.state = stateIn(message);
-  for (int i = 0; i < 3; ++i)
-    measured.nu_variance(i) = message.nu_covariance[static_cast<std::size_t>(4 * i)];
-  measured.valid = message.valid;
-  measured.problem = message.status;
-  return measured;
-}
-
 }  // namespace
 
 Controller::~Controller() { shutdown(); }

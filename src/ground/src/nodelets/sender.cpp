@@ -25,6 +25,7 @@
 #include "ground/link/own_stop.h"
 #include "ground/link/protocol.h"
 #include "ground/model/drive_clock.h"
+#include "ground/model/thrust_acceleration.h"
 #include "ground/nodelets/background.h"
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/inheriting_mutex.h"
@@ -34,7 +35,7 @@
 #include "ground/nodelets/real_time_threads.h"
 #include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
-#include "ground/safety/fence.h"
+#include "ground/safety/fence_guard.h"
 #include "ground/safety/ground_link.h"
 #include "ground/safety/obedience_watch.h"
 
@@ -46,8 +47,8 @@ namespace ground {
 /// - port (3333), bind_address (0.0.0.0)
 /// - peer: HOST or HOST:PORT of the craft; empty: learned from its first datagram
 /// - auto_arm (false): arms once, as soon as possible
-/// - model: model file of the craft, for its thrusters and to detect that it does not follow its
-///   commands; empty: a left and a right thruster, and no detection
+/// - model: model file of the craft, for its thrusters, for the thrust that the fence counts, and to detect
+///   that it does not follow its commands; empty: a left and a right thruster, and neither of the others
 /// - own_stop: records of prove_stop, for a remark at arming if the craft of `model` is not proven
 ///   to stop by itself; empty: no remark
 /// - room: file of a room; a craft that is about to leave it is a fault; empty: no bounds
@@ -88,6 +89,7 @@ class Sender : public Shell {
       const Model model = loadModelAndWarn(model_file);
       obedience_ = std::make_unique<ObedienceWatch>(model);
       file_ = std::filesystem::path(model_file).stem().string();
+      acceleration_.emplace(model);
       layout_ = model.thrusters;
       craft_ = model.name;
     }
@@ -98,8 +100,10 @@ class Sender : public Shell {
     const auto room = optionalParameter<std::string>(nh, "room", "");
     if (bench_) prepareForBench(room);
     if (!bench_ && room.empty()) NODELET_WARN("sender: no room, so no fence keeps the craft from a wall");
+    if (!room.empty() && model_file.empty())
+      NODELET_WARN("sender: no model, so the fence does not know how fast thrust takes the craft to a wall");
     remark_ = armingRemark();
-    if (!room.empty()) fence_ = Fence(loadRoom(room), 0);
+    if (!room.empty()) guard_.setFence(Fence(loadRoom(room), 0));
     openLink(nh);
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);
@@ -133,8 +137,10 @@ class Sender : public Shell {
     link_ = std::make_unique<GroundLink>(
         GroundLinkParams(), peer,
         [this](const MotorCommand& command, const UdpAddress& to) {
-          const bool sent = socket_->send(encodeMotors(command, *layout_), to);
-          return sent ? std::string() : std::string(std::strerror(errno));
+          if (!socket_->send(encodeMotors(command, *layout_), to)) return std::string(std::strerror(errno));
+          guard_.sent(ros::Time::now().toSec(),
+                      acceleration_ ? (*acceleration_)(command) : Vector2<double>(0, 0));
+          return std::string();
         },
         layout_);
   }
@@ -173,6 +179,7 @@ class Sender : public Shell {
   void onControls(const ros::MessageEvent<ground_msgs::Controls const>& event) {
     const ground_msgs::Controls& controls = *event.getMessage();
     const std::lock_guard lock(mutex_);
+    confine();  // before thrust is sent
     const std::string other = misfit(controls, *layout_);
     if (other.empty())
       link_->command(steadyNow(), age(controls.header), event.getPublisherName(), readInputs(controls));
@@ -184,30 +191,23 @@ class Sender : public Shell {
 
   void onState(const ground_msgs::State::ConstPtr& state) {
     const std::lock_guard lock(mutex_);
-    const RigidState<double> measured = stateIn(*state);
-    const bool finite = isFinite(measured);
-    const bool valid = state->valid && finite;
+    const MeasuredState measured = measuredState(*state, state->header.stamp.toSec());
+    const bool finite = measured.finite(), valid = measured.valid && finite;
     link_->state(steadyNow(), age(state->header), valid,
-                 state->valid && !finite ? "the state is not finite" : state->status);
-    if (valid) {
-      seen_.emplace(state->header, measured);
-      confine();
-      watchMotion(*state, measured);
-    }
+                 measured.valid && !finite ? "the state is not finite" : measured.problem);
+    guard_.state(measured);
+    confine();
+    if (valid) watchMotion(measured);
     collect();
   }
 
-  /// Checks that the craft stays in the room, carried on from its last valid state. mutex_ is held.
-  void confine() {
-    if (fence_ && seen_) link_->confine(steadyNow(), fence_->objection(seen_->second, age(seen_->first)));
-  }
+  /// Checks that the craft stays in the room. mutex_ is held.
+  void confine() { link_->confine(steadyNow(), guard_.objection(ros::Time::now().toSec())); }
 
   /// Checks whether the craft follows its commands. mutex_ is held.
-  void watchMotion(const ground_msgs::State& message, const RigidState<double>& state) {
+  void watchMotion(const MeasuredState& measured) {
     if (!obedience_) return;
-    const Vector3<double> variance(message.nu_covariance[0], message.nu_covariance[4],
-                                   message.nu_covariance[8]);
-    const std::string instead = obedience_->measured(message.header.stamp.toSec(), state, variance);
+    const std::string instead = obedience_->measured(measured.stamp, measured.state, measured.nu_variance);
     if (!instead.empty()) link_->disobeyed(steadyNow(), instead);
   }
 
@@ -258,6 +258,7 @@ class Sender : public Shell {
 
   bool onSilence(ground_msgs::Silence::Request& request, ground_msgs::Silence::Response& response) {
     const std::lock_guard lock(mutex_);
+    confine();  // a last command is sent
     response.message = link_->silence(steadyNow(), request.duration);
     response.success = response.message.empty();
     if (response.success) response.last_packet = ros::Time::now();
@@ -277,15 +278,18 @@ class Sender : public Shell {
       const std::lock_guard lock(mutex_);
       const double now = steadyNow();
       const std::string jump = time_watch_.look();
-      if (!jump.empty()) link_->timeJumped(now, jump);
+      if (!jump.empty()) {
+        guard_.reset();
+        link_->timeJumped(now, jump);
+      }
       if (came) {
         CraftTelemetry telemetry;
         const bool understood = decodeTelemetry(data, telemetry);
         if (link_->datagram(now, understood ? std::make_optional(telemetry) : std::nullopt, from))
           report(telemetry);
       }
-      link_->tick(now);
       if (link_->current() == GroundLink::State::kArmed) confine();  // the craft moves on unseen
+      link_->tick(now);
       if (auto_arm_ && link_->arm(now, remark_).empty()) auto_arm_ = false;
       wait = std::clamp(link_->nextPacket() - now, 0.0, kTick);
       collect();
@@ -331,8 +335,10 @@ class Sender : public Shell {
 
   /// Publishes what the craft has measured. mutex_ is held.
   void report(const CraftTelemetry& t) {
-    if (obedience_ && t.voltage && std::isfinite(*t.voltage) && *t.voltage > 0)
-      obedience_->voltage(*t.voltage);
+    if (t.voltage && std::isfinite(*t.voltage) && *t.voltage > 0) {
+      if (obedience_) obedience_->voltage(*t.voltage);
+      if (acceleration_) acceleration_->setVoltage(*t.voltage);
+    }
     auto message = boost::make_shared<Telemetry>();
     message->header.stamp = ros::Time::now();
     message->voltage = t.voltage.value_or(0);
@@ -388,13 +394,13 @@ class Sender : public Shell {
   InheritingMutex mutex_;  ///< guards all members down to next_status_
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;
-  std::optional<Fence> fence_;                                           ///< no value without a room
-  std::optional<std::pair<std_msgs::Header, RigidState<double>>> seen_;  ///< the last valid state
-  std::unique_ptr<ObedienceWatch> obedience_;                            ///< null without a model
-  ThrusterLayoutPtr layout_ = thrusterPair();                            ///< constant after start()
-  bool bench_ = false;      ///< no state is needed; constant after start()
-  bool real_time_ = false;  ///< constant after start()
-  std::string remark_;      ///< remark of the last arming about bench and own stop; may be empty
+  FenceGuard guard_;
+  std::optional<ThrustAcceleration> acceleration_;  ///< no value without a model
+  std::unique_ptr<ObedienceWatch> obedience_;       ///< null without a model
+  ThrusterLayoutPtr layout_ = thrusterPair();       ///< constant after start()
+  bool bench_ = false;                              ///< no state is needed; constant after start()
+  bool real_time_ = false;                          ///< constant after start()
+  std::string remark_;  ///< remark of the last arming about bench and own stop; may be empty
   bool auto_arm_ = false;
   std::uint64_t collected_ = 0;  ///< revision of the link in the newest status
   double next_status_ = 0;       ///< steady clock [s]
