@@ -56,8 +56,8 @@ namespace ground {
 /// - bench (false): the craft is fastened; arms without a state, and allows thrust without lift
 /// - those of Sender.cfg
 ///
-/// Subscribes: controls, state, craft_change. Publishes: ~status (latched), ~telemetry, drive (latched; start
-/// of the newest drive). Services: ~arm and ~silence, in their own thread. Sends zero packets when disarmed,
+/// Subscribes: controls, state, craft_change. Publishes: ~status (latched), ~telemetry, sent (each command that
+/// has left for the craft, with the time at which it did), drive (latched; start of the newest drive). Services: ~arm and ~silence, in their own thread. Sends zero packets when disarmed,
 /// in fault and at the end.
 ///
 /// The thread of run() only communicates with the craft. Another one publishes and logs, so that a
@@ -78,6 +78,7 @@ class Sender : public Shell {
   static constexpr double kFinalPeriod = 0.005;  // [s]
   static constexpr double kTick = 0.002;         // longest wait for the craft [s]
   static constexpr double kStatusPeriod = 0.5;   // [s]
+  static constexpr double kSentPeriod = 0.02;    // longest interval of messages on the same command [s]
   static constexpr const char* kBench = "bench mode: without mocap there is no fence; tie the craft down";
 
   void start(ros::NodeHandle& nh, ros::NodeHandle& topics) override {
@@ -108,6 +109,7 @@ class Sender : public Shell {
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
+    sent_publisher_ = topics.advertise<ground_msgs::Controls>("sent", 20);
     drive_publisher_ = topics.advertise<ground_msgs::Drive>("drive", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
         nh, [this](const SenderConfig& c) { apply(paramsIn<GroundLinkParams>(c), c.adapt); });
@@ -138,8 +140,7 @@ class Sender : public Shell {
         GroundLinkParams(), peer,
         [this](const MotorCommand& command, const UdpAddress& to) {
           if (!socket_->send(encodeMotors(command, *layout_), to)) return std::string(std::strerror(errno));
-          guard_.sent(ros::Time::now().toSec(),
-                      acceleration_ ? (*acceleration_)(command) : Vector2<double>(0, 0));
+          onSent(command);
           return std::string();
         },
         layout_);
@@ -209,6 +210,21 @@ class Sender : public Shell {
     if (!obedience_) return;
     const std::string instead = obedience_->measured(measured.stamp, measured.state, measured.nu_variance);
     if (!instead.empty()) link_->disobeyed(steadyNow(), instead);
+  }
+
+  /// Stores a command that was sent, for the fence, and publishes it. mutex_ is held.
+  void onSent(const MotorCommand& command) {
+    const ros::Time now = ros::Time::now();
+    guard_.sent(now.toSec(), acceleration_ ? (*acceleration_)(command) : Vector2<double>(0, 0));
+    const double steady = steadyNow();
+    if (now.isZero() || (command == published_ && steady < next_sent_)) return;
+    published_ = command;
+    next_sent_ = steady + kSentPeriod;
+    auto message = boost::make_shared<ground_msgs::Controls>();
+    message->header.stamp = now;
+    const double lift = std::clamp(command.lift, 0.0, 1.0);
+    writeInputs({layout_->clipped(command.thrusters), lift}, *layout_, *message);
+    background_.add([this, message] { sent_publisher_.publish(message); });
   }
 
   /// Stores what is sent, for watchMotion(). mutex_ is held.
@@ -403,13 +419,15 @@ class Sender : public Shell {
   std::string remark_;  ///< remark of the last arming about bench and own stop; may be empty
   bool auto_arm_ = false;
   std::uint64_t collected_ = 0;  ///< revision of the link in the newest status
+  MotorCommand published_;       ///< the last one on `sent`
+  double next_sent_ = 0;         ///< when it is published again, steady clock [s]
   double next_status_ = 0;       ///< steady clock [s]
   DriveClock drive_;             ///< on a clock that begins at epoch_; guarded by mutex_
   ros::Time epoch_;              ///< time of the first command; guarded by mutex_
   RosTimeWatch time_watch_;      ///< used only by run()
   Status logged_;                ///< used only in the thread of background_
   std::atomic<bool> running_{true};
-  ros::Publisher status_publisher_, telemetry_publisher_, drive_publisher_;
+  ros::Publisher status_publisher_, telemetry_publisher_, drive_publisher_, sent_publisher_;
   Background background_;  ///< outlives what reports, and is outlived by the publishers
   ros::Subscriber controls_subscriber_, state_subscriber_, change_subscriber_;
   ros::ServiceServer arm_service_, silence_service_;
