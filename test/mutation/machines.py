@@ -13,7 +13,12 @@ sys.path.append(str(pathlib.Path(__file__).resolve().parent.parent / "bench"))
 import changed
 import sampling
 
-FILES = ["safety/ground_link.cpp", "safety/controller_lifecycle.cpp", "safety/freshness.cpp", "safety/fence_guard.cpp"]
+FILES = [
+    "safety/ground_link.cpp",
+    "safety/controller_lifecycle.cpp",
+    "safety/freshness.cpp",
+    "safety/fence_guard.cpp",
+]
 
 
 def options():

@@ -69,6 +69,9 @@ TEST_F(Guard, ForgetsAllWhenTheClockWasSet) {
   guard.sent(100, push);
   guard.reset();
   EXPECT_EQ(guard.objection(200), "");
+  guard.state(at(100, 2.5));
+  guard.reset();
+  EXPECT_EQ(guard.objection(100), "");
   guard.state(at(10, 1.5));
   EXPECT_EQ(guard.objection(10.1), "");
 }

@@ -24,6 +24,7 @@
 
 #include "ground/link/own_stop.h"
 #include "ground/link/protocol.h"
+#include "ground/link/udp_socket.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/thrust_acceleration.h"
 #include "ground/nodelets/background.h"
@@ -56,9 +57,10 @@ namespace ground {
 /// - bench (false): the craft is fastened; arms without a state, and allows thrust without lift
 /// - those of Sender.cfg
 ///
-/// Subscribes: controls, state, craft_change. Publishes: ~status (latched), ~telemetry, sent (each command that
-/// has left for the craft, with the time at which it did), drive (latched; start of the newest drive). Services: ~arm and ~silence, in their own thread. Sends zero packets when disarmed,
-/// in fault and at the end.
+/// Subscribes: controls, state, craft_change. Publishes: ~status (latched), ~telemetry, sent (each command
+/// that has left for the craft, with the time at which it did), drive (latched; start of the newest drive).
+/// Services: ~arm and ~silence, in their own thread. Sends zero packets when disarmed, in fault and at the
+/// end.
 ///
 /// The thread of run() only communicates with the craft. Another one publishes and logs, so that a
 /// hanging master or terminal cannot block the zero packets.

@@ -7,10 +7,11 @@
 #include <optional>
 #include <string>
 
-#include "ground/link/protocol.h"
-#include "ground/link/udp_socket.h"
+#include "ground/model/thruster.h"
 #include "ground/parameters/GroundLinkFields.h"
+#include "ground/safety/craft_telemetry.h"
 #include "ground/safety/freshness.h"
+#include "ground/safety/udp_address.h"
 
 namespace ground {
 
