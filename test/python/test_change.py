@@ -18,7 +18,7 @@ PAGE = ROOT / "docs" / "howto" / "change.md"
 RUN = "import sys; from ground import cli; sys.exit(cli.main(sys.argv[1:]))"
 FAST = """
 #include <cstdio>
-#include "ground/control/controller_lifecycle.h"
+#include "ground/safety/controller_lifecycle.h"
 using namespace ground;
 struct Still : Pilot {
   Inputs update(double, double, const RigidState<double>&, double lift) override { return {0, 0, lift}; }
@@ -157,10 +157,10 @@ def test_when_a_controller_stops(changed, tmp_path):
     copy = changed("When a controller stops")
     main = copy / "main.cpp"
     main.write_text(FAST)
-    libraries = ["-lground_control", "-lground_estimation", "-lground_model"]
+    libraries = ["-lground_control", "-lground_safety", "-lground_estimation", "-lground_model"]
     where = ["-L", DEVEL / "lib", "-Wl,-rpath,%s" % (DEVEL / "lib")]
-    own = copy / "src" / "control" / "controller_lifecycle.cpp"
-    compiled("control", main, own, *where, *libraries, "-o", tmp_path / "fast")
+    own = copy / "src" / "safety" / "controller_lifecycle.cpp"
+    compiled("safety", main, own, *where, *libraries, "-o", tmp_path / "fast")
     assert "faster than 5 m/s" in subprocess.check_output([str(tmp_path / "fast")], universal_newlines=True)
 
 

@@ -349,6 +349,26 @@ def test_several_topics_are_named_with_the_option(tmp_path):
         assert recording.source.startswith("/vrpn/craft/pose (geometry_msgs/PoseStamped)")
 
 
+def test_commands_are_what_has_left_for_the_craft(tmp_path):
+    import rosbag
+    from ground_msgs.msg import Controls
+
+    path, _ = pose_stamped(tmp_path)
+    (asked,) = ground.read(str(path))
+    _, commands = experiment()
+    messages = [
+        ("/sent", stamp, Controls(left=left / 2, right=right, lift=lift))
+        for stamp, (left, right, lift) in commands
+    ]
+    with rosbag.Bag(str(path)) as bag:
+        messages += [(topic, stamp.to_nsec(), message) for topic, message, stamp in bag.read_messages()]
+    (sent,) = ground.read(str(write_bag(tmp_path / "both.bag", messages)))
+    assert "/sent (ground_msgs/Controls)" in sent.source
+    np.testing.assert_allclose(sent.controls, asked.controls * [0.5, 1, 1])
+    (chosen,) = ground.read(str(tmp_path / "both.bag"), command_topic="/controls")
+    np.testing.assert_allclose(chosen.controls, asked.controls)
+
+
 def test_commands_of_an_unknown_type_are_not_guessed(tmp_path):
     path, _ = written(transform_stamped, tmp_path / "run")
     with pytest.raises(ground.GroundError, match="no controls in this bag; .*--command-topic"):

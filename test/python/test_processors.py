@@ -66,6 +66,6 @@ def test_numbers_hold_with_a_core_for_any_processor(tmp_path):
     run(ROOT / ".ci" / "build", folder, "ground_simulation", "ground_identification")
     compare(tmp_path, {**PLAIN, "LD_LIBRARY_PATH": "%s:$LD_LIBRARY_PATH" % folder})
     libraries = "%s:%s" % (folder, os.environ["LD_LIBRARY_PATH"])
-    for name in ("model", "estimation", "control", "simulation", "identification"):
+    for name in ("model", "estimation", "safety", "control", "simulation", "identification"):
         program = devel_space() / "lib" / "ground" / ("ground_%s_test" % name)
         run(program, "--gtest_brief=1", **{**PLAIN, "LD_LIBRARY_PATH": libraries})

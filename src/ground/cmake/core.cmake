@@ -68,8 +68,11 @@ target_link_libraries(ground_model PRIVATE yaml-cpp ${MUPARSER_LIBRARY} ${CMAKE_
 ground_library(estimation)
 target_link_libraries(ground_estimation PUBLIC ground_model)
 
+ground_library(safety)
+target_link_libraries(ground_safety PUBLIC ground_model PRIVATE yaml-cpp)
+
 ground_library(control)
-target_link_libraries(ground_control PUBLIC ground_model ground_estimation PRIVATE yaml-cpp)
+target_link_libraries(ground_control PUBLIC ground_model ground_estimation ground_safety PRIVATE yaml-cpp)
 
 ground_library(simulation)
 target_link_libraries(ground_simulation PUBLIC ground_model ground_control ground_estimation)

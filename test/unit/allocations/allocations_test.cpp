@@ -10,10 +10,10 @@
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/tracking_law.h"
 #include "ground/estimation/model_monitor.h"
-#include "ground/estimation/obedience_monitor.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
+#include "ground/safety/obedience_monitor.h"
 #include "ground/simulation/model_craft.h"
 
 namespace {

@@ -12,9 +12,9 @@
 #include "../faulty_craft.h"
 #include "ground/control/controllers.h"
 #include "ground/control/feasibility.h"
-#include "ground/estimation/obedience_monitor.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
+#include "ground/safety/obedience_monitor.h"
 #include "ground/simulation/experiment.h"
 
 namespace ground {

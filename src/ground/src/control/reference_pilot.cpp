@@ -27,9 +27,9 @@ ReferencePilot::ReferencePilot(Clock clock, Decided decided, Clock steady)
 
 void ReferencePilot::setCraft(const Model& model) {
   input_max_ = model.body.input_max;
-  push_ = model.body.k / model.body.m;
   nominal_volts_ = model.body.volts;
-  craft_.emplace(model);
+  acceleration_.emplace(model);
+  if (volts_) acceleration_->setVoltage(*volts_);
   thrusters_ = model.thrusters;
 }
 
@@ -59,23 +59,10 @@ void ReferencePilot::goHome(const Room& room, const std::string& why) {
   return_ = Return{room, why, before};
 }
 
-Vector2<double> ReferencePilot::acceleration(const Inputs& inputs) const {
-  if (!craft_) return {0, 0};
-  const Thrusters<double> thrusters =
-      thrusters_->clipped(Thrusters<double>(input_max_ * asVector(inputs.thrusters)), input_max_);
-  const RigidState<double> rest{Vector3<double>::Zero(), Vector3<double>::Zero()};
-  const auto by = [&](const Thrusters<double>& some) -> Vector2<double> {
-    return craft_->derivative(0.0, rest, some, {inputs.lift, volts_}).nu.head<2>();
-  };
-  // An effect may be wrong: it makes the acceleration larger, never smaller.
-  const Vector2<double> plain = push_ * thrusters_->atRest(thrusters).head<2>();
-  const Vector2<double> whole = by(thrusters) - by(Thrusters<double>::zero(thrusters.size()));
-  return whole.allFinite() && whole.norm() > plain.norm() ? whole : plain;
-}
-
 void ReferencePilot::voltage(double volts) {
   if (!isPlausibleVoltage(volts, nominal_volts_)) return;
   volts_ = volts;
+  if (acceleration_) acceleration_->setVoltage(volts);
   if (obedience_) obedience_->voltage(volts);
 }
 

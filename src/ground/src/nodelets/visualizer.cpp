@@ -20,7 +20,6 @@
 #include <utility>
 #include <vector>
 
-#include "ground/control/room.h"
 #include "ground/estimation/floor_map.h"
 #include "ground/model/typical.h"
 #include "ground/nodelets/controls.h"
@@ -30,6 +29,7 @@
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
+#include "ground/safety/room.h"
 #include "legend.h"
 
 namespace ground {

@@ -10,7 +10,7 @@
 #include "ground/control/input_design.h"
 #include "ground/control/predictive_control.h"
 #include "ground/control/reference_pilot.h"
-#include "ground/control/room.h"
+#include "ground/safety/room.h"
 
 namespace ground {
 

@@ -8,12 +8,13 @@
 #include <utility>
 #include <vector>
 
-#include "ground/control/controller_lifecycle.h"
-#include "ground/control/room.h"
 #include "ground/control/tracking_controller.h"
 #include "ground/control/tracking_watch.h"
-#include "ground/estimation/obedience_monitor.h"
 #include "ground/model/drive_clock.h"
+#include "ground/model/thrust_acceleration.h"
+#include "ground/safety/controller_lifecycle.h"
+#include "ground/safety/obedience_monitor.h"
+#include "ground/safety/room.h"
 
 namespace ground {
 
@@ -61,7 +62,9 @@ class ReferencePilot : public Pilot {
   TrackingController* controller() const { return controller_.get(); }
 
   const ThrusterLayout& layout() const override { return *thrusters_; }
-  Vector2<double> acceleration(const Inputs& inputs) const override;
+  Vector2<double> acceleration(const Inputs& inputs) const override {
+    return acceleration_ ? (*acceleration_)(inputs) : Vector2<double>(0, 0);
+  }
   void commanded(double time, const Inputs& inputs) override;
   void voltage(double volts) override;
   void driveBegan(double began, double as_of) override { drive_.record(began, as_of); }
@@ -80,10 +83,9 @@ class ReferencePilot : public Pilot {
   static constexpr std::size_t kGiven = 128;
   std::vector<std::pair<double, Inputs>> given_;  ///< the last kGiven commands and their times [s]
   double input_max_ = 1;
-  double push_ = 0;  ///< acceleration per unit of ThrusterLayout::atRest, k/m; 0 if the craft is unknown
-  double nominal_volts_ = 0;  ///< at which k holds [V]; 0: not known
-  std::optional<Dynamics<double>> craft_;
-  std::optional<double> volts_;  ///< of the battery [V]
+  double nominal_volts_ = 0;                        ///< at which k holds [V]; 0: not known
+  std::optional<ThrustAcceleration> acceleration_;  ///< no value if the craft is unknown
+  std::optional<double> volts_;                     ///< of the battery [V]
   ThrusterLayoutPtr thrusters_ = thrusterPair();
   double duration_ = std::numeric_limits<double>::infinity();
   ReferencePtr reference_;

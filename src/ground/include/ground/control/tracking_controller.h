@@ -1,6 +1,6 @@
 #pragma once
 
-#include "ground/control/fence.h"
+#include "ground/control/plan_walls.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/time_budget.h"
 #include "ground/model/dynamics.h"

@@ -12,6 +12,7 @@
 #include <string>
 
 #include "ground/model/types.h"
+#include "ground/safety/fence_guard.h"
 
 namespace ground {
 
@@ -20,6 +21,18 @@ inline RigidState<double> stateIn(const ground_msgs::State& message) {
   std::copy(message.eta.begin(), message.eta.end(), state.eta.data());
   std::copy(message.nu.begin(), message.nu.end(), state.nu.data());
   return state;
+}
+
+/// `stamp`: that of the message, on the clock of the caller [s].
+inline MeasuredState measuredState(const ground_msgs::State& message, double stamp) {
+  MeasuredState measured;
+  measured.stamp = stamp;
+  measured.state = stateIn(message);
+  for (int i = 0; i < 3; ++i)
+    measured.nu_variance(i) = message.nu_covariance[static_cast<std::size_t>(4 * i)];
+  measured.valid = message.valid;
+  measured.problem = message.status;
+  return measured;
 }
 
 /// The voltage of the battery [V], where the craft measures one.

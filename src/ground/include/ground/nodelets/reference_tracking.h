@@ -45,7 +45,12 @@ template <class Config>
 class ReferenceTracking : public Controller {
  protected:
   /// kind: a name in controllerTable().
-  explicit ReferenceTracking(const std::string& kind) : Controller(pilot_), kind_(controllerInfo(kind)) {}
+  explicit ReferenceTracking(const std::string& kind)
+      : Controller(std::make_unique<ReferencePilot>([this] { return seconds(ros::Time::now()); },
+                                                    [this](const ReferencePilot::Decision& d) { decided(d); },
+                                                    steadyNow)),
+        kind_(controllerInfo(kind)),
+        pilot_(static_cast<ReferencePilot&>(pilot())) {}
   /// See Controller::shutdown. Every child's destructor must call it first.
   void shutdown() {
     model_service_ = ModelService();
@@ -219,8 +224,7 @@ class ReferenceTracking : public Controller {
   Config config_;
   ReferenceParams reference_;
   ReferencePtr followed_;  ///< made from reference_; read only by the thread of changes
-  ReferencePilot pilot_{[this] { return seconds(ros::Time::now()); },
-                        [this](const ReferencePilot::Decision& d) { decided(d); }, steadyNow};
+  ReferencePilot& pilot_;
   std::optional<ReferencePoint> point_;  ///< that of a decision that is not published yet
   ros::Time published_;                  ///< stamp of the newest message of the reference; guarded by mutex()
   ros::Publisher reference_publisher_, path_publisher_;

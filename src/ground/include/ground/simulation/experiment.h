@@ -5,12 +5,12 @@
 #include <string>
 #include <vector>
 
-#include "ground/control/controller_lifecycle.h"
 #include "ground/control/controllers.h"
 #include "ground/control/excitation_pilot.h"
 #include "ground/control/reference_pilot.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/estimation/motion_filter.h"
+#include "ground/safety/controller_lifecycle.h"
 #include "ground/simulation/hazards.h"
 #include "ground/simulation/simulated_lab.h"
 

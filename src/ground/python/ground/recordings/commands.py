@@ -27,12 +27,9 @@ KINDS = {
 
 def ranks(topics: Mapping[str, Topic]) -> Mapping[str, int]:
     """How likely topics have the commands where none is named: 0 is best."""
-    likely = {OWN: 0, "geometry_msgs/PointStamped": 1}
-    return {
-        name: likely[topic.kind]
-        for name, topic in topics.items()
-        if name.rsplit("/", 1)[-1] == "controls" and topic.kind in likely and topic.count
-    }
+    likely = [("sent", OWN), ("controls", OWN), ("controls", "geometry_msgs/PointStamped")]
+    ends = {name: (name.rsplit("/", 1)[-1], topic.kind) for name, topic in topics.items() if topic.count}
+    return {name: likely.index(end) for name, end in ends.items() if end in likely}
 
 
 def channels_of(

@@ -1,5 +1,5 @@
 // A fence knows the thrust since the last state, and the speed up to which it keeps a craft inside.
-#include "ground/control/fence_bound.h"
+#include "ground/safety/fence_bound.h"
 
 #include <gtest/gtest.h>
 

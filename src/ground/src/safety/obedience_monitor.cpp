@@ -1,4 +1,4 @@
-#include "ground/estimation/obedience_monitor.h"
+#include "ground/safety/obedience_monitor.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "ground/estimation/obedience_watch.h"
+#include "ground/safety/obedience_watch.h"
 
 #include <utility>
 

@@ -1,5 +1,5 @@
 // The state machine and the peer rules of the link, on a simulated clock.
-#include "ground/link/ground_link.h"
+#include "ground/safety/ground_link.h"
 
 #include <gtest/gtest.h>
 
@@ -32,31 +32,29 @@ class GroundLinkTest : public testing::Test {
 
   void make(const UdpAddress& peer = {}, const GroundLinkParams& params = {}) {
     link_ =
-        std::make_unique<GroundLink>(params, peer, [this](const std::string& datagram, const UdpAddress& to) {
+        std::make_unique<GroundLink>(params, peer, [this](const MotorCommand& command, const UdpAddress& to) {
           if (!broken_.empty()) return broken_;
-          Packet packet{now_, {}, to};
-          EXPECT_TRUE(decodeMotors(datagram, packet.command));
-          packets_.push_back(packet);
+          packets_.push_back({now_, command, to});
           return std::string();
         });
   }
   void SetUp() override { make(); }
 
   GroundLink& link() { return *link_; }
-  void telemetry(const UdpAddress& from) { link().datagram(now_, encodeTelemetry(CraftTelemetry()), from); }
+  void telemetry(const UdpAddress& from) { link().datagram(now_, CraftTelemetry(), from); }
   /// Telemetry that counts the commands that have reached the craft.
   void counted(std::uint32_t commands, std::optional<std::uint32_t> boot = {}) {
     CraftTelemetry t;
     t.commands = commands;
     t.boot = boot;
-    link().datagram(now_, encodeTelemetry(t), kCraft);
+    link().datagram(now_, t, kCraft);
   }
   void booted(std::uint32_t boot) {
     CraftTelemetry t;
     t.boot = boot;
-    link().datagram(now_, encodeTelemetry(t), kCraft);
+    link().datagram(now_, t, kCraft);
   }
-  void garbage(const UdpAddress& from) { link().datagram(now_, "hello", from); }
+  void garbage(const UdpAddress& from) { link().datagram(now_, std::nullopt, from); }
   void command(const MotorCommand& c, const std::string& source = "/a", double age = 0) {
     link().command(now_, age, source, c);
   }
@@ -114,9 +112,9 @@ TEST_F(GroundLinkTest, ArmsOnlyWithEverythingInPlace) {
   command(kZero);
   EXPECT_EQ(arm(), "there is no state");
   state(false);
-  EXPECT_EQ(arm(), "there is no valid state: lost");
+  EXPECT_EQ(arm(), "the state is invalid: lost");
   state(false, 0.25);  // as before the first pose, whose stamp is zero
-  EXPECT_EQ(arm(), "there is no valid state: lost");
+  EXPECT_EQ(arm(), "the state is invalid: lost");
   state(true, 0.25);
   EXPECT_EQ(arm(), "the state is stale");
   state(true, kNan);
@@ -351,11 +349,11 @@ TEST_F(GroundLinkTest, ACraftThatRestartsWhileDisarmedOrElsewhereCanBeArmed) {
   CraftTelemetry restarted;
   restarted.boot = 3;
   restarted.commands = 0;
-  link().datagram(now_, encodeTelemetry(restarted), kRestarted);
+  link().datagram(now_, restarted, kRestarted);
   state();
   command(kZero);
   ASSERT_EQ(arm(), "");
-  link().datagram(now_, encodeTelemetry(restarted), kRestarted);
+  link().datagram(now_, restarted, kRestarted);
   feed(0.1, kDrive);
   EXPECT_TRUE(lastIs(kDrive)) << link().reason();
 }
@@ -695,10 +693,8 @@ class LinkOfAnyThrusters : public testing::Test {
     layout_ = std::make_shared<const ThrusterLayout>(thrusters);
     link_ = std::make_unique<GroundLink>(
         GroundLinkParams(), kCraft,
-        [this](const std::string& datagram, const UdpAddress&) {
-          Inputs heard;
-          EXPECT_TRUE(decodeMotors(datagram, heard, nullptr, *layout_));
-          sent_.push_back(heard);
+        [this](const MotorCommand& command, const UdpAddress&) {
+          sent_.push_back(command);
           return std::string();
         },
         layout_);

@@ -1,18 +1,17 @@
 #pragma once
 
-#include <algorithm>
 #include <exception>
 #include <functional>
 #include <limits>
 #include <optional>
 #include <string>
 #include <utility>
-#include <vector>
 
-#include "ground/control/fence.h"
 #include "ground/model/dynamics.h"
 #include "ground/model/inputs.h"
 #include "ground/parameters/LifecycleFields.h"
+#include "ground/safety/fence_guard.h"
+#include "ground/safety/freshness.h"
 
 namespace ground {
 
@@ -22,21 +21,6 @@ struct LifecycleParams : LifecycleFields {
   /// Whether it waits for a valid state, and stops without one. Otherwise it ignores states and the
   /// fence: for a bench where the craft is fastened.
   bool require_state = true;
-};
-
-/// One instant on two clocks: the steady clock of the watchdogs, and the clock of stamps, which may
-/// be set. A simulation has one clock for both.
-struct Instant {
-  double steady, time;  ///< [s]
-};
-
-/// State of the craft, estimated from the mocap.
-struct MeasuredState {
-  double stamp = 0;  ///< time of measurement, clock of stamps [s]
-  RigidState<double> state;
-  bool valid = false;
-  std::string problem = {};                               ///< why it is not valid
-  Vector3<double> nu_variance = Vector3<double>::Zero();  ///< variance of the velocities
 };
 
 /// Computes the commands while a controller drives. Times `elapsed` are seconds since it began.
@@ -119,7 +103,7 @@ class ControllerLifecycle {
   const LifecycleParams& params() const { return params_; }
   /// Sets the fence that keeps the craft inside the room; without value, no bounds. Takes effect
   /// with the next state.
-  void setFence(std::optional<Fence> fence) { fence_ = std::move(fence); }
+  void setFence(std::optional<Fence> fence) { guard_.setFence(std::move(fence)); }
 
   /// Starts the controller. Returns why it cannot be started, or an empty string.
   std::string start(Instant now);
@@ -172,8 +156,8 @@ class ControllerLifecycle {
       visitor.value(t.has_value());
       if (t) visitor.stamp(*t);
     }
-    visitor.since(measured_at_);
-    for (const std::optional<MeasuredState>* measured : {&measured_, &known_, &trusted_}) {
+    visitor.deadline(loss_.until(params_.state_timeout).steady);
+    for (const std::optional<MeasuredState>* measured : {&measured_, &known_}) {
       visitor.value(measured->has_value());
       if (!*measured) continue;
       visitor.stamp((*measured)->stamp);
@@ -183,10 +167,7 @@ class ControllerLifecycle {
         visitor.value((*measured)->state.nu(i));
       }
     }
-    for (const Driven& one : thrusts_) {
-      visitor.stamp(trusted_ ? std::max(one.since, trusted_->stamp) : one.since);
-      for (const double a : one.acceleration) visitor.value(a);
-    }
+    guard_.visit(visitor);
     visitor.value(static_cast<int>(state_));
     for (const bool flag : {armed_, lifted_, silenced_, !failure_.empty()}) visitor.value(flag);
   }
@@ -217,13 +198,10 @@ class ControllerLifecycle {
   /// Whether the lift is on.
   bool flying() const { return state_ == State::kLifting || driving(); }
   std::string stateProblem(Instant now) const;
-  bool stateIsFinite() const;
-  void trust(Instant now);
+  bool stateIsFinite() const { return measured_ && measured_->finite(); }
+  void stopIfJumped(Instant now);
   std::string jumped(const MeasuredState& state) const;
   bool bridge(Instant now, const std::string& problem);
-  std::string fenceProblem(Instant now) const;
-  std::string leaving(Instant now, const MeasuredState& from) const;
-  void noteThrust(double time, const Inputs& inputs);
   void act(Instant now);
   void schedule(double elapsed);
   void begin(Instant now);
@@ -242,20 +220,13 @@ class ControllerLifecycle {
   LifecycleParams params_;
   State state_ = State::kIdle;
   std::string reason_ = "not started yet";
-  std::optional<Fence> fence_;
+  FenceGuard guard_;
   bool armed_ = false;
   std::optional<MeasuredState> measured_;
-  double measured_at_ = 0;                        ///< steady clock [s]
+  StateLoss loss_;                                ///< of measured_
   std::optional<MeasuredState> known_;            ///< the last state used for control
-  std::optional<MeasuredState> trusted_;          ///< the last valid state, from which the fence carries on
   double lifting_since_ = 0, running_since_ = 0;  ///< clock of stamps [s]
   std::optional<double> last_update_;             ///< stamp [s]
-  /// Thrust from a time on, clock of stamps [s].
-  struct Driven {
-    double since;
-    Vector2<double> acceleration;  ///< [m/s^2]
-  };
-  std::vector<Driven> thrusts_;  ///< at the time of trusted_, and those since then
   /// Next change of open-loop inputs, clock of stamps [s]; no value for closed-loop control.
   std::optional<double> change_at_;
   double started_at_ = 0;          ///< steady clock [s]

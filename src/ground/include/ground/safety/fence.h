@@ -4,9 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "ground/control/reference_trajectory.h"
-#include "ground/control/room.h"
 #include "ground/model/dynamics.h"
+#include "ground/safety/room.h"
 
 namespace ground {
 
@@ -50,17 +49,4 @@ class Fence {
   double distance_;
 };
 
-/// Walls that a plan avoids: a penalty on states from which the craft would come to rest too close
-/// to a wall if thrust and lift were cut.
-struct PlanWalls {
-  Fence fence;
-  double age = 0;       ///< age of the state at the cut: duration of a loss of the mocap [s]
-  double weight = 100;  ///< weight of the square of Fence::violation
-};
-
-/// Why a craft on a reference could not be stopped inside a room, with its margin, if the mocap
-/// were lost for Fence::kLoss; empty if it could. Throws std::invalid_argument on an invalid room.
-std::string leavesRoom(const ReferenceTrajectory& reference, const Room& room);
-/// The same for a reference by its parameters, with the largest size that fits if its kind has one.
-std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference, const Room& room);
 }  // namespace ground

@@ -1,5 +1,5 @@
 // The life cycle of a controller, on simulated clocks.
-#include "ground/control/controller_lifecycle.h"
+#include "ground/safety/controller_lifecycle.h"
 
 #include <gtest/gtest.h>
 

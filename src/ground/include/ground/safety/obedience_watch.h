@@ -5,9 +5,9 @@
 #include <optional>
 #include <string>
 
-#include "ground/estimation/obedience_monitor.h"
 #include "ground/model/craft_change.h"
 #include "ground/model/inputs.h"
+#include "ground/safety/obedience_monitor.h"
 
 namespace ground {
 

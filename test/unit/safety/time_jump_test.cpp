@@ -1,5 +1,5 @@
 // Jumps of a clock, found by comparing it with a steady clock.
-#include "ground/estimation/time_jump.h"
+#include "ground/safety/time_jump.h"
 
 #include <gtest/gtest.h>
 

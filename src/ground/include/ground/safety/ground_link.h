@@ -1,14 +1,17 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <optional>
 #include <string>
 
-#include "ground/link/protocol.h"
-#include "ground/link/udp_socket.h"
+#include "ground/model/thruster.h"
 #include "ground/parameters/GroundLinkFields.h"
+#include "ground/safety/craft_telemetry.h"
+#include "ground/safety/freshness.h"
+#include "ground/safety/udp_address.h"
 
 namespace ground {
 
@@ -43,8 +46,8 @@ class GroundLink {
   struct Counters {
     std::uint64_t sent = 0, received = 0, malformed = 0, foreign = 0, refused = 0;
   };
-  /// Sends a datagram; returns an error message, or an empty string.
-  using Send = std::function<std::string(const std::string& datagram, const UdpAddress& to)>;
+  /// Sends a command to the craft; returns an error message, or an empty string.
+  using Send = std::function<std::string(const MotorCommand& command, const UdpAddress& to)>;
 
   /// `layout`: the thrusters of the craft. `peer`: its address if fixed (port 0: any port); unknown
   /// if it is learned from the first datagram. Throws std::invalid_argument if params are bad.
@@ -54,8 +57,9 @@ class GroundLink {
   /// Throws std::invalid_argument, and keeps the old parameters, if the new ones are bad.
   void setParams(const GroundLinkParams& params);
 
-  /// Call with every received datagram. Returns the craft's telemetry if it contains it.
-  std::optional<CraftTelemetry> datagram(double now, const std::string& data, const UdpAddress& from);
+  /// Call with every received datagram; `telemetry`: what it contains, no value if it cannot be read. Returns
+  /// whether it is telemetry of the craft.
+  bool datagram(double now, const std::optional<CraftTelemetry>& telemetry, const UdpAddress& from);
   /// Call with every command. `source`: name of the controller; `age`: time since it was issued
   /// [s], negative for a stamp in the future. Refuses and counts a command that is not finite, for
   /// other thrusters than those of the craft, too old, more than a second ahead or, while armed,
@@ -116,13 +120,15 @@ class GroundLink {
   /// link that shares its Send.
   template <class Visitor>
   void visit(Visitor&& visitor) const {
-    for (const double t : {command_until_, clash_until_, state_until_, next_packet_}) visitor.deadline(t);
+    for (const Instant& end : {commands_.until(params_.command_timeout), loss_.until(params_.state_timeout)})
+      visitor.deadline(std::min(end.steady, end.time));
+    for (const double t : {clash_until_, next_packet_}) visitor.deadline(t);
     if (silent_until_) visitor.deadline(*silent_until_);
     if (!send_problem_.empty()) visitor.deadline(sent_until_);
     for (const double t : {peer_heard_, peer_counted_, lost_since_}) visitor.since(t);
     for (const bool flag :
          {peer_speaks_, peer_locked_, peer_count_.has_value(), peer_boot_.has_value(), peer_fell_, stopped_,
-          silent_until_.has_value(), state_valid_, !room_problem_.empty(), !send_problem_.empty()})
+          silent_until_.has_value(), loss_.valid(), !room_problem_.empty(), !send_problem_.empty()})
       visitor.value(flag);
     for (const MotorCommand* command : {&command_, &sent_}) {
       for (const double input : command->thrusters) visitor.value(input);
@@ -140,11 +146,12 @@ class GroundLink {
   bool restarted(double now, const CraftTelemetry& telemetry);
   std::string objection(double age, const std::string& source, const MotorCommand& command) const;
   void watch(double now);
-  std::string stateProblem(double now) const;
+  std::string stateLoss(double now) const { return loss_.problem({now, now}, params_.state_timeout); }
   std::string craftMissing(double now) const;
   std::string stateMissing(double now) const;
   std::string commandMissing(double now) const;
   void watchState(double now);
+  bool commandsStale(double now) const { return commands_.stale({now, now}, params_.command_timeout); }
   bool craftSilent(double now) const;
   bool receivesNoCommands() const;
   void enter(State state, const std::string& reason);
@@ -172,13 +179,11 @@ class GroundLink {
   std::string armed_reason_;
   std::optional<double> silent_until_;  ///< end of the silence; set only while armed
   std::string command_problem_;         ///< why the controller's newest command is not command_
-  double command_until_;                ///< time at which command_ becomes stale
+  Freshness commands_;                  ///< of command_
   double clash_until_;                  ///< time at which a second controller counts as stopped
   std::string clash_;
-  double state_until_;  ///< time at which the state becomes stale
-  double lost_since_;   ///< time at which the state was lost while armed; kNever if it is valid
-  bool state_valid_ = false;
-  std::string state_problem_;
+  StateLoss loss_;
+  double lost_since_;  ///< time at which the state was lost while armed; kNever if it is valid
   std::string room_problem_;
   std::string refusal_;
   std::string send_problem_;

@@ -2,8 +2,8 @@
 
 #include <string>
 
-#include "ground/control/controller_lifecycle.h"
-#include "ground/control/room.h"
+#include "ground/safety/controller_lifecycle.h"
+#include "ground/safety/room.h"
 
 namespace ground {
 

@@ -1,5 +1,5 @@
 // Detects by its motion whether a craft follows its commands.
-#include "ground/estimation/obedience_monitor.h"
+#include "ground/safety/obedience_monitor.h"
 
 #include <gtest/gtest.h>
 
@@ -17,12 +17,12 @@
 
 #include "../faulty_craft.h"
 #include "ground/control/input_design.h"
-#include "ground/estimation/obedience_watch.h"
 #include "ground/estimation/velocity_estimator.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/measurement.h"
 #include "ground/model/model_file.h"
 #include "ground/model/typical.h"
+#include "ground/safety/obedience_watch.h"
 #include "ground/simulation/experiment.h"
 
 namespace ground {

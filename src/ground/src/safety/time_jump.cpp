@@ -1,4 +1,4 @@
-#include "ground/estimation/time_jump.h"
+#include "ground/safety/time_jump.h"
 
 #include <algorithm>
 #include <cmath>

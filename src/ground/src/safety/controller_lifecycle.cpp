@@ -1,4 +1,4 @@
-#include "ground/control/controller_lifecycle.h"
+#include "ground/safety/controller_lifecycle.h"
 
 #include <algorithm>
 #include <cmath>
@@ -20,12 +20,6 @@ RigidState<double> noState() {
   state.eta.setConstant(std::numeric_limits<double>::quiet_NaN());
   state.nu.setConstant(std::numeric_limits<double>::quiet_NaN());
   return state;
-}
-
-/// Removes thrusts that ended before a time.
-template <class Thrusts>
-void forgetThrusts(Thrusts& thrusts, double time) {
-  while (thrusts.size() > 1 && thrusts[1].since <= time) thrusts.erase(thrusts.begin());
 }
 
 }  // namespace
@@ -76,8 +70,9 @@ void ControllerLifecycle::otherDrives(Instant now, const std::string& name, doub
 void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (!params_.require_state) return;
   measured_ = measured;
-  measured_at_ = now.steady;
-  if (measured.valid && stateIsFinite()) trust(now);
+  loss_.received(now, measured.stamp, measured.valid, measured.problem);
+  guard_.state(measured);
+  if (measured.valid && stateIsFinite() && driving()) stopIfJumped(now);
   tick(now);
   if (state_ == State::kRunning && change_at_) {
     if (objects(now)) return;
@@ -91,20 +86,17 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (!last_update_ || measured.stamp - *last_update_ >= 0.9 / params_.rate) control(now, measured.stamp);
 }
 
-/// Takes a valid state as what is known of the craft; stops if it cannot have moved there.
-void ControllerLifecycle::trust(Instant now) {
-  trusted_ = measured_;
-  forgetThrusts(thrusts_, trusted_->stamp);
-  if (!driving()) return;
-  const std::string jump = jumped(*trusted_);
-  known_ = trusted_;
+/// Takes the last state as what is known of the craft; stops if it cannot have moved there.
+void ControllerLifecycle::stopIfJumped(Instant now) {
+  const std::string jump = jumped(*measured_);
+  known_ = measured_;
   if (!jump.empty()) enter(now, State::kStopped, jump);
 }
 
 void ControllerLifecycle::timeJumped(Instant now, const std::string& what) {
   measured_.reset();  // of the clock as it was
-  trusted_.reset();
-  thrusts_.clear();
+  loss_.reset();
+  guard_.reset();
   if (flying()) enter(now, State::kStopped, what);
 }
 
@@ -117,7 +109,7 @@ void ControllerLifecycle::tick(Instant now) {
   }
   if (flying() && !bridge(now, problem)) enter(now, State::kStopped, problem);
   if (flying()) {
-    const std::string leaving = fenceProblem(now);
+    const std::string leaving = guard_.objection(now.time);
     if (!leaving.empty()) enter(now, State::kStopped, leaving);
   }
   if (state_ == State::kLifting && problem.empty() && now.time >= liftedAt()) begin(now);
@@ -141,8 +133,9 @@ Instant ControllerLifecycle::due() const {
   Instant due{repeatAt(), kNever};
   const bool lost = lost_since_.has_value();
   if (measured_ && !lost && (state_ == State::kLifting || state_ == State::kRunning)) {
-    due.steady = std::min(due.steady, measured_at_ + params_.state_timeout);
-    due.time = std::min(due.time, measured_->stamp + params_.state_timeout);
+    const Instant stale = loss_.until(params_.state_timeout);
+    due.steady = std::min(due.steady, stale.steady);
+    due.time = std::min(due.time, stale.time);
   }
   if (state_ == State::kLifting && !lost) due.time = std::min(due.time, liftedAt());
   if (driving()) due.time = std::min(due.time, running_since_ + end());
@@ -153,18 +146,8 @@ Instant ControllerLifecycle::due() const {
 
 std::string ControllerLifecycle::stateProblem(Instant now) const {
   if (!params_.require_state) return "";
-  if (!measured_) return "there is no state";
-  if (!measured_->valid) return "the state is invalid: " + measured_->problem;
-  // A state may arrive in time with an old stamp.
-  if (now.steady >= measured_at_ + params_.state_timeout ||
-      now.time >= measured_->stamp + params_.state_timeout)
-    return "the state is stale";
-  if (!stateIsFinite()) return "the state is not finite";
-  return "";
-}
-
-bool ControllerLifecycle::stateIsFinite() const {
-  return measured_ && measured_->state.eta.allFinite() && measured_->state.nu.allFinite();
+  const std::string lost = loss_.problem(now, params_.state_timeout);
+  return lost.empty() && !stateIsFinite() ? "the state is not finite" : lost;
 }
 
 /// Error message if the craft cannot have moved to this state from the last one used for control:
@@ -201,37 +184,6 @@ bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
     send(now, off(params_.lift));
   }
   return now.steady < until;
-}
-
-/// Why the craft has to be stopped to stay inside; empty if it may continue. It carries on from the last
-/// valid state, and from the last one, which may be invalid and still be where the craft is.
-std::string ControllerLifecycle::fenceProblem(Instant now) const {
-  if (!fence_ || !params_.require_state) return "";
-  if (trusted_ && !(measured_->valid && stateIsFinite())) {
-    const std::string problem = leaving(now, *trusted_);
-    if (!problem.empty()) return problem;
-  }
-  return stateIsFinite() ? leaving(now, *measured_) : "";
-}
-
-/// Why the craft leaves the room from a state on, with the thrust since then; empty if it does not.
-std::string ControllerLifecycle::leaving(Instant now, const MeasuredState& from) const {
-  Fence::Thrusts thrusts;
-  for (std::size_t i = 0; i < thrusts_.size(); ++i) {
-    const double begin = std::max(thrusts_[i].since, from.stamp);
-    const double end = i + 1 < thrusts_.size() ? thrusts_[i + 1].since : now.time;
-    thrusts.push_back({thrusts_[i].acceleration, std::max(0.0, end - begin)});
-  }
-  return fence_->objection(from.state, now.time - from.stamp, thrusts);
-}
-
-/// Stores the thrust of a command for the fence.
-void ControllerLifecycle::noteThrust(double time, const Inputs& inputs) {
-  if (!trusted_) thrusts_.clear();  // only the last one may count
-  const Vector2<double> acceleration =
-      ask([&] { return pilot_.acceleration(inputs); }, Vector2<double>(0, 0));
-  if (thrusts_.empty() || thrusts_.back().acceleration != acceleration)
-    thrusts_.push_back({time, acceleration});
 }
 
 void ControllerLifecycle::schedule(double elapsed) {
@@ -324,7 +276,7 @@ const ThrusterLayout& ControllerLifecycle::layout() const { return pilot_.layout
 void ControllerLifecycle::send(Instant now, const Inputs& inputs) {
   next_keepalive_ = now.steady + kKeepalive;
   if (!started() && now.steady < others_until_) return;
-  noteThrust(now.time, inputs);
+  guard_.sent(now.time, ask([&] { return pilot_.acceleration(inputs); }, Vector2<double>(0, 0)));
   if (!failed(now)) send_(inputs);
 }
 

@@ -1,4 +1,4 @@
-#include "ground/control/room.h"
+#include "ground/safety/room.h"
 
 #include <algorithm>
 #include <array>

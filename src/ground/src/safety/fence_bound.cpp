@@ -1,4 +1,4 @@
-#include "ground/control/fence_bound.h"
+#include "ground/safety/fence_bound.h"
 
 #include <algorithm>
 #include <array>

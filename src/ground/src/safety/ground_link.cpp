@@ -1,4 +1,4 @@
-#include "ground/link/ground_link.h"
+#include "ground/safety/ground_link.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,6 @@
 namespace ground {
 namespace {
 
-constexpr double kMaxAhead = 1.0;     // a stamp farther in the future is from another clock [s]
 constexpr double kPeerTimeout = 2;    // silence after which a craft may return on another port [s]
 constexpr double kSendTimeout = 0.2;  // longest failure to send while armed [s]
 constexpr double kNever = -std::numeric_limits<double>::infinity();
@@ -47,9 +46,7 @@ GroundLink::GroundLink(const GroundLinkParams& params, const UdpAddress& peer, S
       peer_(peer),
       peer_heard_(kNever),
       peer_counted_(kNever),
-      command_until_(kNever),
       clash_until_(kNever),
-      state_until_(kNever),
       lost_since_(kNever),
       sent_until_(kNever),
       next_packet_(kNever) {
@@ -59,9 +56,6 @@ GroundLink::GroundLink(const GroundLinkParams& params, const UdpAddress& peer, S
 
 void GroundLink::setParams(const GroundLinkParams& params) {
   check(params);
-  // Applies the new timeouts to the last command, state and packet.
-  command_until_ += params.command_timeout - params_.command_timeout;
-  state_until_ += params.state_timeout - params_.state_timeout;
   next_packet_ += 1 / params.keepalive_rate - 1 / params_.keepalive_rate;
   params_ = params;
 }
@@ -85,21 +79,19 @@ bool GroundLink::isCraft(double now, const UdpAddress& from, bool telemetry) {
   return true;
 }
 
-std::optional<CraftTelemetry> GroundLink::datagram(double now, const std::string& data,
-                                                   const UdpAddress& from) {
-  CraftTelemetry telemetry;
-  const bool understood = decodeTelemetry(data, telemetry);
-  if (!understood) ++counters_.malformed;
-  if (!isCraft(now, from, understood)) {
+bool GroundLink::datagram(double now, const std::optional<CraftTelemetry>& telemetry,
+                          const UdpAddress& from) {
+  if (!telemetry) ++counters_.malformed;
+  if (!isCraft(now, from, telemetry.has_value())) {
     ++counters_.foreign;
-    return std::nullopt;
+    return false;
   }
   peer_heard_ = now;
-  if (!understood) return std::nullopt;
+  if (!telemetry) return false;
   peer_speaks_ = peer_locked_ = true;
   ++counters_.received;
-  if (restarted(now, telemetry) && state_ == State::kArmed) fault(now, "the craft has restarted");
-  return telemetry;
+  if (restarted(now, *telemetry) && state_ == State::kArmed) fault(now, "the craft has restarted");
+  return true;
 }
 
 /// Whether telemetry of the craft shows that it has restarted. UDP repeats datagrams and delivers some late,
@@ -121,14 +113,14 @@ void GroundLink::command(double now, double age, const std::string& source, cons
   watch(now);  // a command after the timeout must not prevent the fault
   const std::string why = objection(age, source, command);
   if (!why.empty()) return refuseCommand(now, source, why);
-  if (source != command_source_ && command_until_ > now) {
+  if (source != command_source_ && !commandsStale(now)) {
     clash_until_ = now + params_.command_timeout;
     clash_ = "both " + command_source_ + " and " + source + " send commands: end one (controller:=none)";
   }
   command_ = command;
   command_source_ = source;
   command_problem_.clear();
-  command_until_ = now - std::max(0.0, age) + params_.command_timeout;
+  commands_.received({now, now}, now - age);
   if (state_ == State::kArmed) transmit(now);
 }
 
@@ -143,7 +135,7 @@ std::string GroundLink::objection(double age, const std::string& source, const M
            std::to_string(layout_->size());
   if (armed && params_.require_lift && thrustAlone(command, *layout_)) return "is thrust without lift";
   if (!(age < params_.command_timeout)) return "is older by its stamp than command_timeout";
-  return age < -kMaxAhead ? "has a stamp from the future: the clocks differ" : "";
+  return age < -Freshness::kMaxAhead ? "has a stamp from the future: the clocks differ" : "";
 }
 
 void GroundLink::refuseCommand(double now, const std::string& source, const std::string& why) {
@@ -154,21 +146,19 @@ void GroundLink::refuseCommand(double now, const std::string& source, const std:
   command_problem_ = refusal_;
   // A refused command is not a zero command, so it prevents arming. While armed, the last accepted
   // command becomes stale instead.
-  if (state_ != State::kArmed) command_until_ = kNever;
+  if (state_ != State::kArmed) commands_.reset();
 }
 
 void GroundLink::state(double now, double age, bool valid, const std::string& problem) {
   watch(now);
-  state_valid_ = valid;
-  state_problem_ = problem;
-  const bool believed = std::isfinite(age) && age >= -kMaxAhead;
-  state_until_ = believed ? now - std::max(0.0, age) + params_.state_timeout : kNever;
+  loss_.received({now, now}, now - age, valid, problem);
   watch(now);
 }
 
 void GroundLink::timeJumped(double now, const std::string& what) {
   watch(now);
-  command_until_ = state_until_ = kNever;
+  commands_.reset();
+  loss_.reset();
   if (state_ == State::kArmed) fault(now, what);
 }
 
@@ -212,16 +202,14 @@ std::string GroundLink::craftMissing(double now) const {
 /// Why the state does not allow arming; empty if it does.
 std::string GroundLink::stateMissing(double now) const {
   if (!params_.require_state) return "";
-  if (state_until_ == kNever) return "there is no state";
-  if (!state_valid_) return because("there is no valid state", state_problem_);
-  if (state_until_ <= now) return "the state is stale";
-  return room_problem_;
+  const std::string lost = stateLoss(now);
+  return lost.empty() ? room_problem_ : lost;
 }
 
 /// Why the commands do not allow arming; empty if they do.
 std::string GroundLink::commandMissing(double now) const {
   if (clash_until_ > now) return clash_;
-  if (command_until_ <= now) return because("there is no fresh command", command_problem_);
+  if (commandsStale(now)) return because("there is no fresh command", command_problem_);
   if (!command_.zero()) return "the command is not zero";
   return "";
 }
@@ -259,7 +247,7 @@ void GroundLink::tick(double now) {
 void GroundLink::watch(double now) {
   if (state_ != State::kArmed) return;
   if (silent_until_ && *silent_until_ <= now) return disarm(now, "disarmed after the silence");
-  if (command_until_ <= now) return fault(now, because("commands are stale", command_problem_));
+  if (commandsStale(now)) return fault(now, because("commands are stale", command_problem_));
   // It may have restarted, and must not receive thrust when it returns.
   if (craftSilent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
   if (receivesNoCommands()) return disobeyed(now, "its count of received commands stands still");
@@ -271,7 +259,7 @@ void GroundLink::watch(double now) {
 /// Cuts the thrust while the state is lost, for at most recovery_time. The lift stays as commanded: a skirt
 /// without air would have to be filled again before the next thrust.
 void GroundLink::watchState(double now) {
-  const std::string lost = params_.require_state ? stateProblem(now) : "";
+  const std::string lost = params_.require_state ? stateLoss(now) : "";
   if (!lost.empty() && lost_since_ == kNever) {
     if (params_.recovery_time == 0 || silent_until_) return fault(now, lost);
     lost_since_ = now;
@@ -295,11 +283,6 @@ bool GroundLink::craftSilent(double now) const {
 bool GroundLink::receivesNoCommands() const {
   return !silent_until_ && peer_count_ && params_.obedience_timeout > 0 &&
          peer_heard_ - peer_counted_ > params_.obedience_timeout;
-}
-
-std::string GroundLink::stateProblem(double now) const {
-  if (!state_valid_) return because("the state is invalid", state_problem_);
-  return state_until_ <= now ? "the state is stale" : "";
 }
 
 void GroundLink::fault(double now, const std::string& reason) {
@@ -327,7 +310,7 @@ void GroundLink::sendZero(double now) { sendPacket(now, MotorCommand::off(layout
 
 void GroundLink::sendPacket(double now, const MotorCommand& command) {
   if (peer_.port == 0) return;
-  const std::string problem = send_(encodeMotors(command, *layout_), peer_);
+  const std::string problem = send_(command, peer_);
   sent_ = command;
   if (problem.empty()) {
     ++counters_.sent;
