@@ -258,7 +258,8 @@ def off_in_words(error: Message) -> str:
     if not error.excited:
         return "%s: no excitation, the craft hardly moves" % name
     sizes = [_pose(getattr(error, "position_" + what), getattr(error, "heading_" + what)) for what in SIZES]
-    return "%s: %s after %.2g s (noise alone: %s)" % (name, sizes[0], error.horizon, sizes[1])
+    words = "%s: %s after %.2g s (noise alone: %s)" % (name, sizes[0], error.horizon, sizes[1])
+    return words + (", " + error.failure if error.failure else "")
 
 
 def _pose(position: float, heading: float) -> str:
