@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import ground
 from conftest import MODEL, ROOT
 from ground import _core
 from ground.simulation import experiments

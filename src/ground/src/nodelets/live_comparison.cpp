@@ -147,7 +147,7 @@ class LiveComparison : public Shell {
     const Inputs inputs = readInputs(*controls);
     if (!inputs.finite()) return;
     const double time = seconds(controls->header.stamp);
-    if (!first_command_) first_command_ = time;
+    first_command_ = first_command_.value_or(time);
     drive_.command(time, controls->lift);
     for (Contestant& c : contestants_) {
       if (!c.monitor) continue;
@@ -176,7 +176,7 @@ class LiveComparison : public Shell {
     const RigidState<double> state = stateIn(*message);
     if (!message->valid || !isFinite(state)) return;
     const double time = seconds(message->header.stamp);
-    if (!first_state_) first_state_ = time;
+    first_state_ = first_state_.value_or(time);
     std::array<std::optional<ModelMonitor::Error>, kModels> errors;
     for (std::size_t i = 0; i < kModels; ++i) {
       Contestant& c = contestants_[i];
