@@ -9,8 +9,6 @@
 namespace ground {
 namespace {
 
-constexpr double kHome = 0.25;  // distance that is home, relative to the nearest wall's
-
 /// CPU time of this thread [s], without that of other threads and processes.
 double processorTime() {
   timespec time;
@@ -42,21 +40,12 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
   obedience_.reset();
   if (!expects_obedience_) return;
   obedience_.emplace(model);
-  obedience_->setPatience(patience_);
   if (volts_) obedience_->voltage(*volts_);
 }
 
 void ReferencePilot::swapReference(ReferencePtr& reference) {
   reference_.swap(reference);
   reference_start_.reset();
-  return_.reset();
-}
-
-void ReferencePilot::goHome(const Room& room, const std::string& why) {
-  const ReferencePtr before = return_ ? return_->before : reference_;
-  reference_ = makePoint(room.home);
-  reference_start_.reset();
-  return_ = Return{room, why, before};
 }
 
 void ReferencePilot::voltage(double volts) {
@@ -76,8 +65,6 @@ void ReferencePilot::commanded(double time, const Inputs& inputs) {
 }
 
 void ReferencePilot::activate(double) {
-  if (return_) reference_ = return_->before;
-  return_.reset();
   reference_start_.reset();
   controller_->reset();
   if (obedience_) obedience_->reset();
@@ -93,12 +80,6 @@ std::string ReferencePilot::objection(const MeasuredState& measured) {
     obedience_->measure(stamp, measured.state, measured.nu_variance);
     const std::string instead = obedience_->disobedience(kDisobedient);
     if (!instead.empty()) return "the craft does not follow its commands: " + instead;
-  }
-  if (return_) {
-    const Room& room = return_->room;
-    const Vector2<double> rest = Fence(room, room.margin).stoppingPoint(measured.state, 0);
-    const bool arrived = (rest - room.home).norm() < kHome * room.clearance(room.home);
-    return arrived ? "the craft is home: " + return_->why : "";
   }
   const double error = (controller_->position(measured.state) - at(stamp).p).norm();
   return watch_.look(std::max(0.0, stamp - *reference_start_), error);

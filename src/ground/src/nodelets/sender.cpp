@@ -1,6 +1,5 @@
 #include <ground/SenderConfig.h>
 #include <ground_msgs/Controls.h>
-#include <ground_msgs/CraftChange.h>
 #include <ground_msgs/Drive.h>
 #include <ground_msgs/SenderStatus.h>
 #include <ground_msgs/Silence.h>
@@ -57,7 +56,7 @@ namespace ground {
 /// - bench (false): the craft is fastened; arms without a state, and allows thrust without lift
 /// - those of Sender.cfg
 ///
-/// Subscribes: controls, state, craft_change. Publishes: ~status (latched), ~telemetry, sent (each command
+/// Subscribes: controls, state. Publishes: ~status (latched), ~telemetry, sent (each command
 /// that has left for the craft, with the time at which it did), drive (latched; start of the newest drive).
 /// Services: ~arm and ~silence, in their own thread. Sends zero packets when disarmed, in fault and at the
 /// end.
@@ -91,7 +90,6 @@ class Sender : public Shell {
     if (!model_file.empty()) {
       const Model model = loadModelAndWarn(model_file);
       obedience_ = std::make_unique<ObedienceWatch>(model);
-      file_ = std::filesystem::path(model_file).stem().string();
       acceleration_.emplace(model);
       layout_ = model.thrusters;
       craft_ = model.name;
@@ -114,9 +112,8 @@ class Sender : public Shell {
     sent_publisher_ = topics.advertise<ground_msgs::Controls>("sent", 20);
     drive_publisher_ = topics.advertise<ground_msgs::Drive>("drive", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
-        nh, [this](const SenderConfig& c) { apply(paramsIn<GroundLinkParams>(c), c.adapt); });
+        nh, [this](const SenderConfig& c) { apply(paramsIn<GroundLinkParams>(c)); });
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
-    if (obedience_) change_subscriber_ = topics.subscribe("craft_change", 10, &Sender::onChange, this);
     state_subscriber_ = topics.subscribe("state", 1, &Sender::onState, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Sender::onControls, this, hints);
     endTidilyOnSignals();
@@ -168,12 +165,12 @@ class Sender : public Shell {
         sigaction(signal, &interrupt, nullptr);
   }
 
-  void apply(GroundLinkParams params, bool adapts) {
+  void apply(GroundLinkParams params) {
     params.require_state = !bench_;
     params.require_lift = params.require_lift && !bench_;
     const std::lock_guard lock(mutex_);
     link_->setParams(params);
-    if (obedience_) obedience_->setParams(params.obedience_timeout, adapts);
+    if (obedience_) obedience_->setTimeout(params.obedience_timeout);
   }
 
   /// Age of a message by its stamp [s]; negative for a stamp in the future.
@@ -233,19 +230,6 @@ class Sender : public Shell {
   void noteSent() {
     if (!obedience_) return;
     obedience_->sent(ros::Time::now().toSec(), link_->current() == GroundLink::State::kArmed, link_->sent());
-  }
-
-  void onChange(const ground_msgs::CraftChange::ConstPtr& message) {
-    if (message->model != file_) return;
-    const Eigen::Map<const Eigen::VectorXd> change(message->change.data(),
-                                                   static_cast<Eigen::Index>(message->change.size()));
-    const std::lock_guard lock(mutex_);
-    const std::string dead = obedience_->told(change);
-    if (dead.empty()) return;
-    noteSent();
-    background_.add([this, dead] {
-      NODELET_WARN("sender: %s is dead: from now on the craft has to obey as one without it", dead.c_str());
-    });
   }
 
   /// Remark at arming about a bench and the craft's own stop; reads a file.
@@ -431,10 +415,9 @@ class Sender : public Shell {
   std::atomic<bool> running_{true};
   ros::Publisher status_publisher_, telemetry_publisher_, drive_publisher_, sent_publisher_;
   Background background_;  ///< outlives what reports, and is outlived by the publishers
-  ros::Subscriber controls_subscriber_, state_subscriber_, change_subscriber_;
+  ros::Subscriber controls_subscriber_, state_subscriber_;
   ros::ServiceServer arm_service_, silence_service_;
-  std::string own_stop_, craft_,
-      file_;  ///< file of records, names of the craft and of its file; constant after start()
+  std::string own_stop_, craft_;  ///< file of records, name of the craft; constant after start()
   std::unique_ptr<LiveParameters<SenderConfig>> reconfigure_;
   std::thread link_thread_;
 };

@@ -42,13 +42,9 @@ py::dict toDict(const ExperimentLog& log) {
   py::list stages;
   for (const ExperimentLog::Stage& stage : log.stages)
     stages.append(py::make_tuple(stage.time, nameOf(stage.state), stage.reason));
-  py::list changes;
-  for (const ExperimentLog::Change& change : log.changes)
-    changes.append(py::make_tuple(change.time, change.text, change.parameters));
   return py::dict("frames"_a = frames, "commands"_a = commands, "truth"_a = truth,
                   "references"_a = references, "decisions"_a = decisions, "marks"_a = marks,
-                  "stages"_a = stages, "changes"_a = changes, "stopped"_a = log.stopped,
-                  "stopped_at"_a = log.stopped_at);
+                  "stages"_a = stages, "stopped"_a = log.stopped, "stopped_at"_a = log.stopped_at);
 }
 
 /// A craft whose motion is written in Python.
@@ -189,9 +185,7 @@ void defParams(py::module_& module) {
       .def_readwrite("reference", &TrackingParams::reference)
       .def_readwrite("controller", &TrackingParams::controller)
       .def_readwrite("law", &TrackingParams::law)
-      .def_readwrite("max_error", &TrackingParams::max_error)
-      .def_readwrite("watch", &TrackingParams::watch)
-      .def_readwrite("adapt", &TrackingParams::adapt);
+      .def_readwrite("max_error", &TrackingParams::max_error);
   py::class_<ExcitationParams, DriveParams>(module, "ExcitationParams",
                                             "An input design; with a room, in bursts between returns.")
       .def(py::init<>())

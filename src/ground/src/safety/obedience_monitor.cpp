@@ -91,7 +91,6 @@ void ObedienceMonitor::addExplanations() {
     Thrusters<double> shares = all;
     shares(i) = 0;
     explanations_.push_back({"as if the " + layout[i].name + " thruster were off", shares});
-    explanations_.back().one_off = true;
   }
   explanations_.push_back({"as if it sat on the floor, without lift", all, 1, false, false});
 }
@@ -102,7 +101,6 @@ void ObedienceMonitor::reset() {
   delayed_.fill(none);
   others_.assign(explanations_.size(), none);
   started_ = false;
-  waiting_.reset();
   intervals_.clear();
 }
 
@@ -212,21 +210,12 @@ std::string ObedienceMonitor::disobedience(double duration) {
     Eigen::Index best = 0;
     if (all.maxCoeff(&best) < kEvidence || recent(best) < kMinHalf || all(best) - recent(best) < kMinHalf)
       continue;
-    const std::vector<const Explanation*> found = likely(span, best);
-    if (waits(found)) return "";
     std::string text;
-    for (const Explanation* one : found) text += (text.empty() ? "it moves " : ", or ") + one->text;
+    for (const Explanation* one : likely(span, best))
+      text += (text.empty() ? "it moves " : ", or ") + one->text;
     return text;
   }
   return "";
-}
-
-/// Whether a monitor of a craft without some thruster may take over soon.
-bool ObedienceMonitor::waits(const std::vector<const Explanation*>& found) {
-  const bool one_off = std::all_of(found.begin(), found.end(), [](const auto* one) { return one->one_off; });
-  if (!one_off || dynamics_.layout().size() < 3) return false;
-  if (!waiting_) waiting_ = start_.time;
-  return start_.time - *waiting_ < patience_;
 }
 
 /// The hypotheses that are not much worse than the best one. Uses only those intervals of

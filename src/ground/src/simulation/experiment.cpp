@@ -9,7 +9,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include "adaptive_pilot.h"
 #include "ground/estimation/velocity_estimator.h"
 
 namespace ground {
@@ -272,28 +271,23 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
   Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
   LivePilot live(tracking, params.hazards, log);
-  const auto make = [&tracking](const Model& inside) -> std::unique_ptr<TrackingController> {
-    if (tracking.law) return std::make_unique<LawControl>(tracking.law, inside);
-    std::unique_ptr<TrackingController> made = makeController(inside, tracking.controller);
-    if (tracking.room) made->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
-    return made;
-  };
-  AdaptivePilot pilot([&live] { return live.now(); },
-                      [&log](const ReferencePilot::Decision& made) {
-                        log.decisions.push_back(made);
-                        if (log.references.empty() || made.stamp > log.references.back().time)
-                          log.references.push_back({made.stamp, made.reference});
-                      },
-                      make,
-                      [&log](double stamp, const ChangeMonitor::Report& report) {
-                        log.changes.push_back({stamp, report.text(), report.change});
-                      });
-  if (tracking.watch || tracking.adapt) pilot.watch(believed, tracking.adapt, tracking.room);
-  std::unique_ptr<TrackingController> controller = make(believed);
+  ReferencePilot pilot([&live] { return live.now(); },
+                       [&log](const ReferencePilot::Decision& made) {
+                         log.decisions.push_back(made);
+                         if (log.references.empty() || made.stamp > log.references.back().time)
+                           log.references.push_back({made.stamp, made.reference});
+                       });
+  std::unique_ptr<TrackingController> controller;
+  if (tracking.law) {
+    controller = std::make_unique<LawControl>(tracking.law, believed);
+  } else {
+    controller = makeController(believed, tracking.controller);
+    if (tracking.room) controller->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
+  }
   ReferencePtr reference = makeReference(tracking.reference);
   pilot.setMaxError(tracking.max_error > 0 ? tracking.max_error : defaultMaxError(*reference));
   pilot.setDuration(tracking.duration);
-  pilot.expectObedience(tracking.adapt ? ReferencePilot::kDisobedient : 0);
+  pilot.expectObedience();
   pilot.swapController(controller, believed);
   pilot.swapReference(reference);
   live.take(pilot);

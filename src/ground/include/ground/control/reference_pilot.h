@@ -45,20 +45,13 @@ class ReferencePilot : public Pilot {
   void swapController(std::unique_ptr<TrackingController>& controller, const Model& model);
   /// Swaps the reference, which then begins from its start.
   void swapReference(ReferencePtr& reference);
-  /// From now on it drives home, until it is activated again, and stops where it would come to rest near it
-  /// if thrust and lift were cut. `why`: for the user.
-  void goHome(const Room& room, const std::string& why);
   /// Position error at which it stops if the error lasts [m].
   void setMaxError(double max_error) { watch_.setMaxError(max_error); }
   /// How long it follows the reference [s].
   void setDuration(double duration) { duration_ = duration; }
   /// Stops if the craft does not follow its commands. For simulations; on the floor the sender
   /// monitors this. Takes effect with the next controller.
-  /// patience: ObedienceMonitor::setPatience.
-  void expectObedience(double patience = 0) {
-    expects_obedience_ = true;
-    patience_ = patience;
-  }
+  void expectObedience() { expects_obedience_ = true; }
   TrackingController* controller() const { return controller_.get(); }
 
   const ThrusterLayout& layout() const override { return *thrusters_; }
@@ -91,15 +84,7 @@ class ReferencePilot : public Pilot {
   ReferencePtr reference_;
   std::optional<double> reference_start_;  ///< time of the first state with this reference [s]
   TrackingWatch watch_;
-  /// The way home.
-  struct Return {
-    Room room;
-    std::string why;
-    ReferencePtr before;  ///< reference that it followed
-  };
-  std::optional<Return> return_;
   bool expects_obedience_ = false;
-  double patience_ = 0;  ///< [s]
   std::optional<ObedienceMonitor> obedience_;
   DriveClock drive_;
 };

@@ -32,9 +32,6 @@ class ObedienceMonitor {
   ObedienceMonitor(const ObedienceMonitor&) = delete;
   ObedienceMonitor& operator=(const ObedienceMonitor&) = delete;
 
-  /// A craft with more than two thrusters, of which only one seems to be off, is waited for so long [s]:
-  /// another monitor, of a model without that thruster, may take over. 0 by default.
-  void setPatience(double patience) { patience_ = patience; }
   /// Discards all commands and states.
   void reset();
   /// Adds a command, in the model's units, sent at `time` [s]; times must ascend.
@@ -56,7 +53,6 @@ class ObedienceMonitor {
     Thrusters<double> shares;             ///< inputs of the thrusters relative to their commands
     double strength = 1;                  ///< of the thrust, relative to the model's
     bool swapped = false, lifted = true;  ///< whether two thrusters are swapped; lift fan works
-    bool one_off = false;                 ///< one thruster of several is off
   };
   static constexpr int kMaxCount = kMaxThrusters + 4;  ///< largest number of other hypotheses
   static constexpr int kDelayCount = 3, kFollowingCount = 9;
@@ -82,7 +78,6 @@ class ObedienceMonitor {
   Interval compare(const Sample& now) const;
   Evidence evidenceOfOthers(double duration) const;
   std::vector<const Explanation*> likely(double duration, Eigen::Index best) const;
-  bool waits(const std::vector<const Explanation*>& found);
   RigidState<double> centre(const RigidState<double>& seen) const;
   bool lifted() const;
 
@@ -97,8 +92,6 @@ class ObedienceMonitor {
   bool started_ = false;
   Sample start_;  ///< start of the current interval
   std::deque<Interval> intervals_;
-  double patience_ = 0;            ///< [s]
-  std::optional<double> waiting_;  ///< since when it waits, by the time of states [s]
 };
 
 }  // namespace ground

@@ -58,9 +58,6 @@ struct TrackingParams : DriveParams {
   ControlLaw law;  ///< drives in place of `controller`; empty: it does not
   /// Error at which TrackingWatch stops it [m]; 0: defaultMaxError; infinity: never.
   double max_error = 0;
-  bool watch = false;  ///< a ChangeMonitor runs beside it (ExperimentLog::changes)
-  bool adapt = false;  ///< it does, and named changes of the craft (ChangeMonitor) are taken into the
-                       ///< controller's model
 };
 
 /// An input design; with a room, in bursts between returns to its home.
@@ -101,14 +98,8 @@ struct ExperimentLog {
   std::vector<ReferencePilot::Decision> decisions;  ///< only when tracking or returning home
   std::vector<Stage> stages;                 ///< states of the controller's life cycle, if there is one
   std::vector<ExcitationPilot::Mark> marks;  ///< bursts and returns of an excitation
-  struct Change {
-    double time;                 ///< stamp of the state [s]
-    std::string text;            ///< ChangeMonitor::Report::text()
-    Eigen::VectorXd parameters;  ///< a CraftChange
-  };
-  std::vector<Change> changes;  ///< what a ChangeMonitor said, whenever that changed
-  std::string stopped;          ///< why the controller stopped before its end; empty if it did not
-  double stopped_at = 0;        ///< time at which it stopped [s]
+  std::string stopped;    ///< why the controller stopped before its end; empty if it did not
+  double stopped_at = 0;  ///< time at which it stopped [s]
 };
 
 /// Plays commands for `duration` [s], repeated every 20 ms as by the open-loop controller. Inputs
