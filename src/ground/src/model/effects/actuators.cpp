@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "ground/model/effect_registry.h"
+#include "ground/model/typical.h"
 
 namespace ground {
 
@@ -108,7 +109,7 @@ struct MotorLag {
   static EffectInfo info() {
     return {"motor_lag",
             "first-order lag of the thrusters",
-            {{"tau", "s", "time constant", 0, 0, 2, [](const Body<double>&) { return 0.05; }}},
+            {{"tau", "s", "time constant", 0, 0, 2, typical::constant(0.05)}},
             0,
             1};
   }
@@ -127,8 +128,8 @@ struct MotorRate {
   static EffectInfo info() {
     return {"motor_rate",
             "limited rate of the thrusters' inputs",
-            {{"rate", "1/s", "at which an input changes", kUnbounded, 0.1, kUnbounded,
-              [](const Body<double>&) { return 0.1; }, Coordinate::kReciprocal}},
+            {{"rate", "1/s", "at which an input changes", kUnbounded, 0.1, kUnbounded, typical::constant(0.1),
+              Coordinate::kReciprocal}},
             0,
             1};
   }
@@ -148,11 +149,11 @@ GROUND_REGISTER_EFFECT(MotorRate)
 /// the input grows in size and the other while it falls. Where both are the same it is motor_lag.
 struct MotorRiseFall {
   static EffectInfo info() {
-    const auto typical = [](const Body<double>&) { return 0.05; };
+    const auto scale = typical::constant(0.05);
     EffectInfo info = {"motor_rise_fall",
                        "motor lags that differ for rise and fall",
-                       {{"rise", "s", "time constant of speeding up", 0, 0, 2, typical},
-                        {"fall", "s", "time constant of slowing down", 0, 0, 2, typical}},
+                       {{"rise", "s", "time constant of speeding up", 0, 0, 2, scale},
+                        {"fall", "s", "time constant of slowing down", 0, 0, 2, scale}},
                        0,
                        1,
                        [](const ThrusterLayout& layout) { return layout.any(isMotor); }};
@@ -172,11 +173,11 @@ GROUND_REGISTER_EFFECT(MotorRiseFall)
 /// On/off valves that open and close in first-order lags of their own. A dead time is that of input_delay.
 struct ValveLag {
   static EffectInfo info() {
-    const auto typical = [](const Body<double>&) { return 0.02; };
+    const auto scale = typical::constant(0.02);
     return {"valve_lag",
             "valves that take time to open and to close",
-            {{"open", "s", "time constant of opening", 0, 0, 2, typical},
-             {"close", "s", "time constant of closing", 0, 0, 2, typical}},
+            {{"open", "s", "time constant of opening", 0, 0, 2, scale},
+             {"close", "s", "time constant of closing", 0, 0, 2, scale}},
             0,
             1,
             [](const ThrusterLayout& layout) {
@@ -199,7 +200,7 @@ struct AngleLag {
   static EffectInfo info() {
     return {"angle_lag",
             "first-order lag of the angle of",
-            {{"tau", "s", "time constant", 0, 0, 20, [](const Body<double>&) { return 0.05; }}},
+            {{"tau", "s", "time constant", 0, 0, 20, typical::constant(0.05)}},
             1};
   }
   static bool suits(const ThrusterLayout& layout, int channel) { return !layout.pushes(channel); }
@@ -219,8 +220,8 @@ struct AngleRate {
     const double infinity = std::numeric_limits<double>::infinity();
     return {"angle_rate",
             "limited rate of the angle of",
-            {{"rate", "rad/s", "at which it turns", infinity, 1e-3, infinity,
-              [](const Body<double>&) { return 0.1; }, Coordinate::kReciprocal}},
+            {{"rate", "rad/s", "at which it turns", infinity, 1e-3, infinity, typical::constant(0.1),
+              Coordinate::kReciprocal}},
             1};
   }
   static bool suits(const ThrusterLayout& layout, int channel) { return !layout.pushes(channel); }
@@ -242,10 +243,9 @@ struct SupplySag {
   static EffectInfo info() {
     return {"supply_sag",
             "supply that sags under load and recovers",
-            {{"part", "-", "part of an input that is lost under full load", 0, 0, 1,
-              [](const Body<double>&) { return 0.1; }},
-             {"time", "s", "time constant of sagging and recovering", 1, 0.02, 3,
-              [](const Body<double>&) { return 1.0; }, Coordinate::kValue, true}},
+            {{"part", "-", "part of an input that is lost under full load", 0, 0, 1, typical::constant(0.1)},
+             {"time", "s", "time constant of sagging and recovering", 1, 0.02, 3, typical::constant(1.0),
+              Coordinate::kValue, true}},
             1};
   }
   template <typename T>
@@ -268,10 +268,9 @@ struct ThrustDroop {
   static EffectInfo info() {
     return {"thrust_droop",
             "thrusters that weaken under own load",
-            {{"part", "-", "part of an input that is lost at full load", 0, 0, 1,
-              [](const Body<double>&) { return 0.1; }},
-             {"time", "s", "time constant of weakening and recovering", 1, 0.02, 3,
-              [](const Body<double>&) { return 1.0; }, Coordinate::kValue, true}},
+            {{"part", "-", "part of an input that is lost at full load", 0, 0, 1, typical::constant(0.1)},
+             {"time", "s", "time constant of weakening and recovering", 1, 0.02, 3, typical::constant(1.0),
+              Coordinate::kValue, true}},
             0,
             1,
             [](const ThrusterLayout& layout) { return layout.forces() > 1; }};
@@ -296,7 +295,7 @@ struct DeadBand {
   static EffectInfo info() {
     return {"dead_band",
             "dead band of",
-            {{"width", "-", "input without effect", 0, 0, 1, [](const Body<double>&) { return 0.05; }}}};
+            {{"width", "-", "input without effect", 0, 0, 1, typical::constant(0.05)}}};
   }
   static bool suits(const ThrusterLayout& layout, int) { return layout.steers(); }
   template <typename T>
@@ -316,7 +315,7 @@ struct InputDelay {
   static EffectInfo info() {
     return {"input_delay",
             "dead time between command and thrust",
-            {{"delay", "s", "dead time", 0, 0, 1, [](const Body<double>&) { return 0.02; }}}};
+            {{"delay", "s", "dead time", 0, 0, 1, typical::constant(0.02)}}};
   }
   template <typename T>
   static void delay(const T* p, T& seconds) {

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "ground/model/effect_registry.h"
+#include "ground/model/typical.h"
 
 namespace ground {
 
@@ -13,7 +14,7 @@ struct AngleGain {
   static EffectInfo info() {
     return {"angle_gain",
             "angle that turns too far or too little,",
-            {{"a", "-", "relative change of its angle", 0, -1, 1, [](const Body<double>&) { return 0.1; }}}};
+            {{"a", "-", "relative change of its angle", 0, -1, 1, typical::constant(0.1)}}};
   }
   static bool suits(const ThrusterLayout& layout, int channel) {
     return layout[channel].kind == Thruster::Kind::kTurn;
@@ -30,10 +31,9 @@ struct AngleOffset {
   static constexpr Effect::Hook kHook = Effect::kSteer;
 
   static EffectInfo info() {
-    return {
-        "angle_offset",
-        "wrong zero of the angle of",
-        {{"angle", "rad", "added to its angle", 0, -M_PI, M_PI, [](const Body<double>&) { return 0.1; }}}};
+    return {"angle_offset",
+            "wrong zero of the angle of",
+            {{"angle", "rad", "added to its angle", 0, -M_PI, M_PI, typical::constant(0.1)}}};
   }
   static bool suits(const ThrusterLayout& layout, int channel) { return !layout.pushes(channel); }
   template <typename T>
@@ -50,7 +50,7 @@ struct FoilGain {
   static EffectInfo info() {
     return {"foil_gain",
             "weak or strong foil",
-            {{"a", "-", "relative change of its force", 0, -1, 20, [](const Body<double>&) { return 0.1; }}}};
+            {{"a", "-", "relative change of its force", 0, -1, 20, typical::constant(0.1)}}};
   }
   static bool suits(const ThrusterLayout& layout, int channel) {
     return layout[channel].kind == Thruster::Kind::kFoil;
@@ -68,11 +68,10 @@ struct FoilInflow {
   static constexpr Effect::Hook kHook = Effect::kSteer;
 
   static EffectInfo info() {
-    const auto tenth = [](const Body<double>&) { return 0.1; };
     return {"foil_inflow",
             "more or less of the craft's own motion at foil",
-            {{"speed", "-", "added to the square of own_speed", 0, -4, 4, tenth},
-             {"sway", "-", "added to own_sway", 0, -2, 2, tenth}}};
+            {{"speed", "-", "added to the square of own_speed", 0, -4, 4, typical::constant(0.1)},
+             {"sway", "-", "added to own_sway", 0, -2, 2, typical::constant(0.1)}}};
   }
   static bool suits(const ThrusterLayout& layout, int channel) {
     return layout[channel].kind == Thruster::Kind::kFoil;
@@ -92,10 +91,10 @@ struct FoilSide {
   static constexpr Effect::Hook kHook = Effect::kSteer;
 
   static EffectInfo info() {
-    const auto tenth = [](const Body<double>&) { return 0.1; };
-    return EffectInfo{"foil_side",
-                      "flow that differs between both sides of foil",
-                      {{"a", "-", "relative part of own_sway, more from port", 0, -1, 1, tenth}}}
+    return EffectInfo{
+        "foil_side",
+        "flow that differs between both sides of foil",
+        {{"a", "-", "relative part of own_sway, more from port", 0, -1, 1, typical::constant(0.1)}}}
         .of(Surroundings::kWater);
   }
   static bool suits(const ThrusterLayout& layout, int channel) {

@@ -44,7 +44,7 @@ GROUND_REGISTER_EFFECT(YawBias)
 /// world_ned. A floor with positive slope descends along the positive axis.
 struct FloorTilt {
   static EffectInfo info() {
-    const auto scale = [](const Body<double>&) { return 0.005; };
+    const auto scale = typical::constant(0.005);
     return EffectInfo{"floor_tilt",
                       "floor that is not level",
                       {{"sx", "-", "slope along world x", 0, -0.5, 0.5, scale},

@@ -1,5 +1,6 @@
 // Where the mocap sees the craft.
 #include "ground/model/effect_registry.h"
+#include "ground/model/typical.h"
 
 namespace ground {
 
@@ -8,8 +9,7 @@ struct HeadingOffset {
   static EffectInfo info() {
     return {"heading_offset",
             "constant offset of the measured heading",
-            {{"psi0", "rad", "measured minus true heading", 0, -M_PI, M_PI,
-              [](const Body<double>&) { return 0.1; }}}};
+            {{"psi0", "rad", "measured minus true heading", 0, -M_PI, M_PI, typical::constant(0.1)}}};
   }
   template <typename T>
   static void measure(const T* p, const Vector3<T>&, Measurement<T>& measurement) {

@@ -16,8 +16,8 @@ struct BatterySag {
     const double infinity = std::numeric_limits<double>::infinity();
     return {"battery_sag",
             "thrust that fades during a drive",
-            {{"tau", "s", "time constant", infinity, 1, infinity,
-              [](const Body<double>&) { return 1 / 100.0; }, Coordinate::kReciprocal}}};
+            {{"tau", "s", "time constant", infinity, 1, infinity, typical::constant(1 / 100.0),
+              Coordinate::kReciprocal}}};
   }
   template <typename T>
   static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
@@ -38,8 +38,7 @@ struct BatteryVoltage {
   static EffectInfo info() {
     return {"battery_voltage",
             "thrust that follows the battery voltage",
-            {{"p", "-", "power of the voltage over that at which k holds", 0, 0, 5,
-              [](const Body<double>&) { return 1.0; }}},
+            {{"p", "-", "power of the voltage over that at which k holds", 0, 0, 5, typical::constant(1.0)}},
             0,
             0,
             nullptr,
@@ -67,8 +66,7 @@ struct SupplyDroop {
   static EffectInfo info() {
     return {"supply_droop",
             "thrust that falls as more thrusters work",
-            {{"s", "-", "relative loss per other thruster at full input", 0, 0, 10,
-              [](const Body<double>&) { return 0.05; }}},
+            {{"s", "-", "relative loss per other thruster at full input", 0, 0, 10, typical::constant(0.05)}},
             0,
             0,
             [](const ThrusterLayout& layout) { return layout.forces() > 2; }};
@@ -94,7 +92,7 @@ struct ThrustCurve {
   static EffectInfo info() {
     return {"thrust_curve",
             "thrust as a power of the input",
-            {{"p", "-", "exponent", 1, 0.2, 5, [](const Body<double>&) { return 0.2; }}}};
+            {{"p", "-", "exponent", 1, 0.2, 5, typical::constant(0.2)}}};
   }
   template <typename T>
   static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
@@ -123,8 +121,7 @@ struct ReverseLoss {
   static EffectInfo info() {
     return {"reverse_loss",
             "reversible thrusters push less backward than forward",
-            {{"a", "-", "share of the thrust that is lost backward", 0, -1, 1,
-              [](const Body<double>&) { return 0.1; }}},
+            {{"a", "-", "share of the thrust that is lost backward", 0, -1, 1, typical::constant(0.1)}},
             0,
             0,
             [](const ThrusterLayout& layout) { return layout.any(reverses); }};
@@ -214,7 +211,7 @@ struct ThrustAsymmetry {
   static EffectInfo info() {
     return {"thrust_asymmetry",
             "unequal left and right thrusters",
-            {{"a", "-", "relative difference", 0, -1, 1, [](const Body<double>&) { return 0.1; }}}};
+            {{"a", "-", "relative difference", 0, -1, 1, typical::constant(0.1)}}};
   }
   template <typename T>
   static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
@@ -234,7 +231,7 @@ struct ThrusterGain {
   static EffectInfo info() {
     return {"thruster_gain",
             "weak or strong thruster",
-            {{"a", "-", "relative change of its thrust", 0, -1, 1, [](const Body<double>&) { return 0.1; }}}};
+            {{"a", "-", "relative change of its thrust", 0, -1, 1, typical::constant(0.1)}}};
   }
   template <typename T>
   static void act(const T* p, const Point<T>&, int thruster, Thrusters<T>& force) {
@@ -252,7 +249,7 @@ struct ThrusterTilt {
     return {"thruster_tilt",
             "turned thruster",
             {{"angle", "rad", "angle, positive clockwise seen from above", 0, -M_PI, M_PI,
-              [](const Body<double>&) { return 0.1; }}}};
+              typical::constant(0.1)}}};
   }
   /// One that turns has angle_offset.
   static bool suits(const ThrusterLayout& layout, int thruster) {
@@ -283,8 +280,7 @@ struct ThrustMisalignment {
   static EffectInfo info() {
     return {"thrust_misalignment",
             "thrust at an angle to the body axis",
-            {{"angle", "rad", "angle, positive to starboard", 0, -M_PI, M_PI,
-              [](const Body<double>&) { return 0.1; }}},
+            {{"angle", "rad", "angle, positive to starboard", 0, -M_PI, M_PI, typical::constant(0.1)}},
             0,
             0,
             [](const ThrusterLayout& layout) {  // one that turns has angle_offset
@@ -334,8 +330,7 @@ struct DifferentialSideForce {
   static EffectInfo info() {
     return {"differential_side_force",
             "side force of unequal thrusts",
-            {{"c", "-", "side force per difference of thrust", 0, -10, 10,
-              [](const Body<double>&) { return 0.1; }}}};
+            {{"c", "-", "side force per difference of thrust", 0, -10, 10, typical::constant(0.1)}}};
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
