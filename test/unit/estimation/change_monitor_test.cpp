@@ -9,10 +9,10 @@
 #include <random>
 #include <string>
 
+#include "ground/model/capability.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
-#include "ground/model/time_scale.h"
 
 namespace ground {
 namespace change_monitor_test {

@@ -9,7 +9,6 @@
 #include "ground/model/capability.h"
 #include "ground/model/measurement.h"
 #include "ground/model/plausibility.h"
-#include "ground/model/time_scale.h"
 
 namespace ground {
 namespace {

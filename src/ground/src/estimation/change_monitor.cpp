@@ -7,7 +7,7 @@
 #include <limits>
 #include <utility>
 
-#include "ground/model/time_scale.h"
+#include "ground/model/capability.h"
 
 namespace ground {
 namespace {
