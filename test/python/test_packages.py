@@ -84,6 +84,12 @@ def test_a_library_gives_its_users_all_that_its_headers_need():
         assert not missing, "%s needs %s" % (header.relative_to(folder), ", ".join(sorted(missing)))
 
 
+def test_no_file_includes_a_private_header_of_another_library():
+    files = [path for path in (ROOT / "src/ground").rglob("*") if path.suffix in (".h", ".cpp")]
+    assert len(files) > 100
+    assert not [path for path in files if re.search(r'#include "[^"]*\.\./', path.read_text())]
+
+
 def test_core_nodelets_and_bindings_are_compiled_for_one_processor():
     """Classes that depend on the processor (Derivatives) are the same in all of them."""
     path = ROOT / "build" / "build.ninja"

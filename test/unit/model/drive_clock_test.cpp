@@ -9,7 +9,6 @@
 #include "ground/control/input_design.h"
 #include "ground/estimation/model_monitor.h"
 #include "ground/identification/grey_box.h"
-#include "ground/identification/prediction.h"
 #include "ground/identification/simulation_error.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"

@@ -7,7 +7,6 @@
 #include <stdexcept>
 #include <string>
 
-#include "checks.h"
 #include "estimates.h"
 #include "linearisation.h"
 #include "uncertainty.h"
@@ -219,7 +218,10 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   if (options.free.empty()) throw std::invalid_argument("no parameter is free");
   if (options.starts < 1) throw std::invalid_argument("a fit needs at least one start");
   if (!(options.width >= 0)) throw std::invalid_argument("the width of the loss is negative or NaN");
-  if (!options.initial.empty()) detail::checkInitials(*this, options.initial);
+  bool has_initials = options.initial.empty() || options.initial.size() == windows_.size();
+  for (const Eigen::VectorXd& state : options.initial)
+    has_initials = has_initials && state.size() == initialSize() && state.allFinite();
+  if (!has_initials) throw std::invalid_argument("the initial states are not those of the windows");
   std::vector<const RunData*> all;
   for (const RunData& run : runs()) all.push_back(&run);
   std::vector<std::string> unknown = options.free;

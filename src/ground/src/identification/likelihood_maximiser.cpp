@@ -8,7 +8,6 @@
 #include <set>
 #include <vector>
 
-#include "dense_algebra.h"
 #include "projected_step.h"
 
 namespace ground::detail {
@@ -174,7 +173,7 @@ class Maximiser {
   Step stepLevels(double damping) const {
     Eigen::MatrixXd damped = level_information_;
     damped.diagonal() *= 1 + damping;
-    Eigen::VectorXd step = solveSymmetric(damped, level_score_);
+    Eigen::VectorXd step = damped.ldlt().solve(level_score_);
     Step result = stepBy(step, level_score_, level_information_);
     for (Eigen::Index i = 0; i < step.size(); ++i) {
       // A scoring step of the logarithm changes the variance by the factor 1 + 2 step.

@@ -9,12 +9,12 @@
 #include <vector>
 
 #include "bindings.h"
+#include "ground/model/capability.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
 #include "ground/model/simulation.h"
-#include "ground/model/time_scale.h"
 
 namespace py = pybind11;
 
@@ -169,15 +169,8 @@ void defPayload(py::module_& module) {
       .def_readonly("place", &Payload::place, "Of its centre of mass: forward, to starboard [m].")
       .def_readonly("inertia", &Payload::inertia, "About its own centre of mass [kg m^2].")
       .def("empty", &Payload::empty)
-      .def(
-          py::pickle([](const Payload& p) { return py::make_tuple(p.mass, p.place, p.inertia); },
-                     [](const py::tuple& t) {
-                       return Payload{t[0].cast<double>(), t[1].cast<Eigen::Vector2d>(), t[2].cast<double>()};
-                     }));
+      .def(pickledBy(&Payload::mass, &Payload::place, &Payload::inertia));
 }
-
-double voltsOf(const Model& model) { return model.body.volts; }
-void setVolts(Model& model, double volts) { model.body.volts = volts; }
 
 void defModel(py::module_& module) {
   py::class_<Model>(module, "Model", "A craft: rigid body and effects.")
@@ -186,7 +179,10 @@ void defModel(py::module_& module) {
       .def_readwrite("disturbance", &Model::disturbance)
       .def_readwrite("provenance", &Model::provenance)
       .def_property_readonly("input_max", [](const Model& m) { return m.body.input_max; })
-      .def_property("volts", &voltsOf, &setVolts, "Voltage of the battery at which k holds [V]; 0: not told.")
+      .def_property(
+          "volts", [](const Model& m) { return m.body.volts; },
+          [](Model& m, double volts) { m.body.volts = volts; },
+          "Voltage of the battery at which k holds [V]; 0: not told.")
       .def_property_readonly("effects",
                              [](const Model& m) {
                                std::vector<std::string> names;

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <limits>
 
-#include "../model/yaml_keys.h"
 #include "ground/model/text_file.h"
+#include "ground/model/yaml_keys.h"
 
 namespace ground {
 namespace {

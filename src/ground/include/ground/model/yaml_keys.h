@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "yaml_reader.h"
+#include "ground/model/yaml_reader.h"
 
 namespace ground {
 
