@@ -12,7 +12,6 @@
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
-#include "ground/model/time_scale.h"
 
 namespace ground {
 namespace model_failure_test {

@@ -10,7 +10,6 @@
 #include "ground/model/capability.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/plausibility.h"
-#include "ground/model/time_scale.h"
 
 namespace ground {
 namespace {
