@@ -9,6 +9,7 @@ import pathlib
 import shutil
 import socket
 import subprocess
+import sys
 import time
 from unittest import mock
 
@@ -21,6 +22,7 @@ from ground.support import progress
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "epfl_2019"
 MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
+sys.path.insert(0, str(ROOT / "test" / "bench"))
 # Tests of minutes whose subject seldom changes
 slow = pytest.mark.skipif(not os.environ.get("SLOW"), reason="slow: make test SLOW=1 runs it")
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, identify, write_bag
+from conftest import MODEL, ROOT, identify, slow, write_bag
 
 GAINS = ROOT / "cfg" / "gains" / "tiny_whoover.yaml"
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
@@ -23,7 +23,14 @@ MODULES = sorted({home for home in ground._HOMES.values()})
 HIDDEN = 2e-5  # constant yaw moment of the simulated craft [N m]
 
 
-@pytest.mark.parametrize("name", MODULES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        # its examples are two whole discoveries
+        pytest.param(name, marks=slow if name == "ground.discovery.discover" else ())
+        for name in MODULES
+    ],
+)
 def test_examples_hold(name, flown, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     module = importlib.import_module(name)

@@ -30,7 +30,6 @@ FOUND = {
     "mocap": {"position_mm": 3.0, "heading_deg": 0.5},
     "disturbed": None,
 }
-QUANTILES = {"p05": 0.01, "median": 0.02, "p95": 0.05}
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ from ground.analysis import comparison
 from ground.fitting import thrust_bench, thrust_curve
 from ground.recordings import repair
 from ground.simulation.designs import designs
-from ground.support.errors import GroundError
 
 
 def model():
@@ -84,16 +83,6 @@ def test_a_curve_that_is_measured_exactly_is_found(fit, force):
     assert np.allclose(scaled.force(INPUTS), 5 * force(INPUTS), atol=1e-5)
 
 
-def test_curves_that_fall_or_have_too_few_inputs_are_none():
-    falls = WORKING * (INPUTS - 0.8 * INPUTS**2)
-    assert thrust_curve.polynomial(2)(INPUTS, WORKING, falls) is None
-    for degree in (1, 2, 3):
-        few = np.linspace(0.2, 1, degree + 1)
-        assert thrust_curve.polynomial(degree)(few, np.ones(degree + 1), few) is None
-        more = np.linspace(0.2, 1, degree + 2)
-        assert thrust_curve.polynomial(degree)(more, np.ones(degree + 2), more) is not None
-
-
 def bench(gains, force, noise=0.0, levels=11, repeat=2, seed=1):
     random = np.random.default_rng(seed)
     rows = []
@@ -118,25 +107,6 @@ def test_gains_of_thrusters_have_the_mean_1():
     assert one.p_value is None
     for name, (low, high) in found.intervals.items():
         assert low < found.values[name] < high and high - low < 0.02
-
-
-def test_a_table_is_read_in_newtons_and_shares_of_the_input(tmp_path):
-    path = tmp_path / "bench.csv"
-    path.write_text("pwm,left,left+right,left_2\n1000,0,0,0\n1500,10,20,12\n\n2000,30,60,34\n")
-    found = thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 0.01)
-    assert found.inputs.tolist() == [0, 0, 0, 0.5, 0.5, 0.5, 1, 1, 1]
-    assert found.forces == pytest.approx([0, 0, 0, 0.1, 0.2, 0.12, 0.3, 0.6, 0.34])
-    assert found.together.tolist()[:3] == [[1, 0], [1, 1], [1, 0]]
-    assert found.repetition.tolist() == [0, 0, 1] * 3
-    counted = thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, ["1"])
-    assert counted.together.tolist()[0] == [0.5, 0.5] and counted.repetition.tolist() == [0, 1, 2] * 3
-    named = thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, ["right"])
-    assert named.together.tolist()[0] == [0, 1]
-    with pytest.raises(GroundError, match="line 2: input 1000 is not between 0 and 1: give"):
-        thrust_bench.read(str(path), ["left", "right"])
-    for wrong in (["3"], ["0"], ["front"]):
-        with pytest.raises(GroundError, match="no thruster is called %s" % wrong[0]):
-            thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, wrong)
 
 
 # --- formulas of what has no name

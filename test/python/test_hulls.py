@@ -1,19 +1,14 @@
 """Crafts on water: what a diagnosis tries, and that it finds a hidden current and cross-flow."""
 
-import sys
-
 import numpy as np
 import pytest
 
 import ground
-from conftest import ROOT
+import ship
 from ground import _core
 from ground.analysis import candidates
 from ground.reports import words
 from ground.support import errors
-
-sys.path.insert(0, str(ROOT / "test" / "bench"))
-import ship
 
 BOAT = """
 schema: ground/model/1
