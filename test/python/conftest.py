@@ -164,6 +164,29 @@ def simulate_run(duration=8.0, seed=1, noise=1.0, model=MODEL, strength=1.0, nu=
     return times, eta, inputs
 
 
+def run_data(duration=8.0, seed=1, noise=1.0, truth=None, kept=slice(None)):
+    """_core.RunData of a simulated run, perhaps of another craft; kept: which poses remain."""
+    from ground import _core
+    from ground.recordings import repair
+
+    times, eta, inputs = simulate_run(duration, seed, noise)
+    levels = np.array([3e-4, 3e-4, 5e-3])
+    if truth is not None:
+        random = np.random.default_rng(seed)
+        eta = _core.simulate(truth, inputs, times, np.zeros(3), np.zeros(3))["eta"]
+        eta = eta + noise * random.normal(0, levels, eta.shape)
+    eta[:, 2] = np.unwrap(eta[:, 2])
+    times, eta = times[kept], eta[kept]
+    smooth = repair.smooth(times, eta, (levels[0], levels[2]), _core.RunScales())
+    return _core.RunData("run%d" % seed, times, smooth["eta"], smooth["nu"], inputs, eta, levels)
+
+
+def with_effect(path, entry):
+    """Writes the model of the craft with an effect."""
+    path.write_text(MODEL.read_text().replace("effects: []", "effects:\n  - " + entry))
+    return path
+
+
 def recording_of(times, eta, inputs, **more):
     """A Recording of stamps (n,), poses (n, 3) and rows of stamp and commands."""
     from ground.recordings.recording import Recording

@@ -9,7 +9,7 @@ import yaml
 
 import ground
 import mistakes
-from conftest import MODEL, SHARED, identify, schema, slow, write_bag
+from conftest import MODEL, SHARED, identify, schema, slow, with_effect, write_bag
 from ground import _core
 from ground.analysis import candidates
 from ground.diagnosing import answer, next_experiment
@@ -21,11 +21,6 @@ expression: {X: "a*sin(2*pi*x/0.3)*cos(psi)", Y: "-a*sin(2*pi*x/0.3)*sin(psi)"}
 parameters:
   a: {value: 0.02, unit: N, neutral: 0, lower: -1, upper: 1}
 """
-
-
-def with_effect(path, entry):
-    path.write_text(MODEL.read_text().replace("effects: []", "effects:\n  - " + entry))
-    return path
 
 
 def bags_of(folder, truth, seeds=(1, 40), **options):

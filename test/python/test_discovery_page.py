@@ -11,7 +11,7 @@ import stories
 from browsing import assert_fits, assert_sound, open_page
 from conftest import ROOT
 from ground import _core
-from ground.discovery import figures, words
+from ground.discovery import figures
 from ground.discovery import page as discovery_page
 from ground.discovery import story as tale
 from ground.discovery.story import Story
@@ -167,28 +167,3 @@ def test_figures_are_those_that_plotly_knows():
     )
     for figure in (figures.errors(story), drawn):
         graph_objects.Figure(data=figure["data"], layout=figure["layout"])
-
-
-def test_the_teller_tells_each_step_once():
-    whole, told = stories.whole(), []
-    story = stories.begun()
-    teller = words.Teller(told.append)
-    teller(story)
-    assert told == []
-    story.planned = stories.flight(1, tale.LOOK)
-    for _ in range(2):
-        teller(story)
-    assert told == ["Flight 1 (look, 12 s): tells motor_lag from input_delay."]
-    story.planned, story.flights = None, whole.flights[:1]
-    teller(story)
-    assert told[1:] == [
-        "   Flown 11.8 s; predictions are off by: given 192 mm, 38 deg (the mocap alone: 21 mm, 4 deg)."
-    ]
-    story.findings = whole.findings[:1]
-    teller(story)
-    assert "motor_lag" in told[2] and told[3] == "   Open: Whether wind or floor_tilt acts."
-    del told[:]
-    for _ in range(2):
-        teller(whole)
-    assert sum("confirms it" in line for line in told) == 1
-    assert [line[:8] for line in told if line.startswith("Flight")] == ["Flight 2", "Flight 3", "Flight 4"]

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from conftest import MODEL, ROOT, simulate_run
+from conftest import MODEL, ROOT, run_data
 from ground import _core
 from ground.analysis import comparison
 from ground.fitting import thrust_bench, thrust_curve
-from ground.recordings import repair
 from ground.simulation.designs import designs
 
 
@@ -17,22 +16,6 @@ def model():
 
 def four():
     return _core.load_model(str(ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml"))
-
-
-def run_data(truth=None, duration=12.0, seed=1, noise=1.0, lost=()):
-    times, eta, inputs = simulate_run(duration=duration, seed=seed, noise=noise)
-    if truth is not None:
-        random = np.random.default_rng(seed)
-        eta = _core.simulate(truth, inputs, times, np.zeros(3), np.zeros(3))["eta"]
-        eta = eta + noise * random.normal(0, [3e-4, 3e-4, 5e-3], eta.shape)
-    eta[:, 2] = np.unwrap(eta[:, 2])
-    kept = np.ones(len(times), bool)
-    for begin, end in lost:
-        kept &= (times < begin) | (times > end)
-    times, eta = times[kept], eta[kept]
-    found = repair.smooth(times, eta, (3e-4, 5e-3), _core.RunScales())
-    levels = np.array([3e-4, 3e-4, 5e-3])
-    return _core.RunData("run", times, found["eta"], found["nu"], inputs, eta, levels)
 
 
 # --- experiments
@@ -51,7 +34,7 @@ def test_a_design_plays_the_levels_that_it_names():
 
 
 def test_no_prediction_spans_a_gap():
-    run = run_data(duration=6.0, lost=[(2.5, 3.0)])
+    run = run_data(duration=6.0, kept=np.r_[:250, 300:600])
     found = comparison.evaluate(run, model())
     rows = {row["seconds"]: len(row["errors"]) for row in found.horizons}
     assert rows[4.0] == 0  # no stretch is so long

@@ -8,10 +8,9 @@ import shlex
 import pytest
 
 import ground
-from conftest import MODEL, identify, program, write_bag
+from conftest import MODEL, identify, program, with_effect, write_bag
 from ground.diagnosing import answer
 from ground.support.headline import formatted
-from test_diagnose import with_effect
 
 ERROR = r"(\d+(\.\d+)? (mm|m), \d+(\.\d+)? deg|not finite)"
 PREDICTION = r"Prediction after [\d.]+ s: +%s -> %s \(the mocap alone: %s" % (ERROR, ERROR, ERROR)

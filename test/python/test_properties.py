@@ -3,20 +3,10 @@
 import numpy as np
 import pytest
 
-from conftest import simulate_run
 from ground import _core
 from ground.analysis import thinning
 from ground.fitting import identifiability
 from ground.recordings import scatter, tracks
-
-
-def run_data(duration=6.0, keep=None):
-    times, eta, inputs = simulate_run(duration=duration)
-    eta[:, 2] = np.unwrap(eta[:, 2])
-    nu = np.gradient(eta, times, axis=0)
-    kept = np.ones(len(times), bool) if keep is None else keep(times)
-    return _core.RunData("run", times[kept], eta[kept], nu[kept], inputs)
-
 
 # --- tracking
 

@@ -1,10 +1,7 @@
 """Results of a script: figures one by one, files that are read again, copies in other processes."""
 
-import dataclasses
-import inspect
 import json
 import pickle
-import re
 
 import numpy as np
 import pandas
@@ -188,21 +185,6 @@ def test_two_fitted_models_are_compared_and_labelled(craft, runs):
     assert set(found.models) == {"a", "b"} and found.best in "ab"
     with pytest.raises(ground.GroundError, match="given twice"):
         ground.compare([craft, ground.Model.parse(craft.format())], runs)
-
-
-def described(kind):
-    """Fields of a public dataclass that hold plain dictionaries, and whether a comment says what is in
-    them."""
-    lines = inspect.getsource(kind).splitlines()
-    for number, line in enumerate(lines):
-        field = re.match(r"    (\w+): .*\b(Dict|Mapping|Document)\b", line)
-        if field:
-            yield field.group(1), "#:" in line or "#:" in lines[number - 1]
-
-
-@pytest.mark.parametrize("name", [n for n in ground.__all__ if dataclasses.is_dataclass(getattr(ground, n))])
-def test_no_dictionary_of_a_public_class_is_undescribed(name):
-    assert [field for field, is_described in described(getattr(ground, name)) if not is_described] == []
 
 
 def test_the_documents_of_results_have_described_keys(diagnosed):
