@@ -5,7 +5,6 @@ import doctest
 import importlib
 import inspect
 import json
-import pathlib
 import pickle
 import subprocess
 import sys
@@ -267,20 +266,6 @@ def test_a_warning_points_at_the_callers_line(tmp_path):
     mine = [w for w in caught if issubclass(w.category, ground.GroundWarning)]
     assert mine and all(w.filename == __file__ for w in mine)
     assert any("m" in str(w.message) for w in mine)
-
-
-def test_results_write_the_files_of_the_verbs(flown, diagnosed, tmp_path):
-    craft = ground.Model.load(MODEL)
-    compared = ground.compare([craft], flown)
-    path = compared.save(tmp_path / "compared", page=False)
-    assert json.load(open(path))["runs"][0]["bag"] == "run.bag"
-    with pytest.raises(ground.GroundError, match="exists"):
-        compared.save(tmp_path / "compared", page=False)
-    written = diagnosed.save(tmp_path / "diagnosed")
-    assert all(pathlib.Path(p).is_file() for p in written)
-    improved = ground.Model.load(tmp_path / "diagnosed" / "improved.yaml")
-    assert improved.effects == ("yaw_bias",)
-    assert "yaw_bias" in str(diagnosed) and "yaw_bias" in diagnosed._repr_html_()
 
 
 def test_the_notebook_runs_and_finds_the_hidden_effect(monkeypatch):

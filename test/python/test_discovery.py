@@ -485,7 +485,8 @@ def test_a_craft_that_misses_nothing_is_complete():
 
 def test_recordings_whose_thrusters_are_swapped_look_misread(discovered, analyst):
     _, out, story = discovered
-    right = ground.read([out / f.recording for f in story.flights[:2]])
+    excited = [f.recording for f in story.flights if f.flight.purpose != TRACK][:2]
+    right = ground.read([out / recording for recording in excited])
     swapped = [dataclasses.replace(one, controls=one.controls[:, [1, 0, 2]]) for one in right]
     assert analyst.misread(right) == []
     assert "swapped" in " ".join(analyst.misread(swapped))

@@ -1,7 +1,6 @@
 """Runs are told by what their files contain, and models by theirs; names are labels."""
 
 import pathlib
-import pickle
 import shutil
 
 import pytest
@@ -235,13 +234,6 @@ def test_runs_that_another_model_was_fitted_to_do_not_rank(here):
     found = ground.compare(fits, ["train/run1.bag", "test/run1.bag"])
     assert found.ranking.role == "fit" and len(found.ranking.fitted) == 2
     assert "predicts" not in found.title
-
-
-def test_a_comparison_can_be_sent_to_another_process(here):
-    found = ground.compare(MODEL, "train/run1.bag")
-    again = pickle.loads(pickle.dumps(found))
-    assert repr(again) == repr(found)
-    assert again.to_frame().equals(found.to_frame())
 
 
 # Folders of results

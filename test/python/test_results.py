@@ -178,15 +178,6 @@ def test_runs_are_worked_on_in_parallel(craft, runs):
     assert [one.model for one in found] == [one.model for one in alone]
 
 
-def test_two_fitted_models_are_compared_and_labelled(craft, runs):
-    fits = [ground.fit(craft, run, free=["k"]).model for run in runs]
-    assert len(ground.compare(fits, runs).to_frame()) == 4
-    found = ground.compare({"a": fits[0], "b": fits[1]}, runs)
-    assert set(found.models) == {"a", "b"} and found.best in "ab"
-    with pytest.raises(ground.GroundError, match="given twice"):
-        ground.compare([craft, ground.Model.parse(craft.format())], runs)
-
-
 def test_the_documents_of_results_have_described_keys(diagnosed):
     schema = json.loads((ROOT / "docs" / "schemas" / "diagnosis.schema.json").read_text())
     assert set(diagnosed.report) <= set(schema["properties"])
