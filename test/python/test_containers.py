@@ -274,7 +274,7 @@ class Pose(NamedTuple):
         set_pose(transform.translation, transform.rotation, (self.place, self.turn.as_quat()))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("kind", ["tf", "odometry"])
 def test_a_body_is_reached_by_chains_of_static_transforms(kind, seed, tmp_path):
     """Of any length and direction, with any turns, in tf_static or published again and again on tf."""
@@ -377,18 +377,6 @@ def test_commands_of_an_unknown_type_are_not_guessed(tmp_path):
         ground.read(path, command_topic="/pwm")
 
 
-@pytest.mark.parametrize("make", [ros2_sqlite3, mcap], ids=lambda make: make.__name__)
-def test_a_cut_bag_of_ros2_is_refused_or_read_in_a_sentence(make, tmp_path):
-    path, options = written(make, tmp_path / "run")
-    file = path if path.is_file() else next(path.glob("*.db3"))
-    whole = file.read_bytes()
-    for share in (0.0, 0.3, 0.9):
-        file.write_bytes(whole[: int(share * len(whole))])
-        result = identify("info", path, *options)
-        assert result.returncode == 1 or "damaged" in result.stderr
-        assert "Traceback" not in result.stderr and "unexpected" not in result.stderr
-
-
 @pytest.mark.parametrize("make", [pose_stamped, tf, ros2_sqlite3, mcap], ids=lambda make: make.__name__)
 def test_a_draft_reads_what_it_was_drafted_from(make, tmp_path):
     path, options = written(make, tmp_path / "run")
@@ -401,27 +389,6 @@ def test_a_draft_reads_what_it_was_drafted_from(make, tmp_path):
     assert found.channels == ("left", "right", "lift")
     result = identify("info", path, "--write-mapping", draft)
     assert result.returncode == 1 and "--force" in result.stderr
-
-
-@pytest.mark.parametrize(
-    "make, evidence",
-    [
-        (pose_stamped, "y moves least, 100% of the poses are upright by it"),
-        (transform_stamped, "lift: {field: position.z, unit: microseconds}  # 2000 to 2000, 0 changes"),
-        (tf, "body: craft\n  # others: /tf, body wall (tf2_msgs/TFMessage)"),
-        (odometry, 'right: {field: "data[2]", off: 0, full: 2}  # 0 to 2, 62 changes'),
-        (mcap, "position: {unit: cm}  # x -110 to 57.87"),
-        (csv_pair, "heading: {field: heading, unit: deg, sign: 1}  # -179.3 to 178.1"),
-        (csv_pair, 'time: {field: "t [ms]", unit: ms}'),
-        (csv_pair, "left: {field: port, unit: percent}"),
-    ],
-)
-def test_a_draft_says_what_it_guesses_by(make, evidence, tmp_path):
-    path, _ = written(make, tmp_path / "run")
-    draft = tmp_path / "draft.yaml"
-    assert identify("info", path, "--write-mapping", draft).returncode == 0
-    assert evidence in draft.read_text()
-    ground.read(path, mapping=draft)
 
 
 def test_a_file_without_poses_or_commands_has_no_draft(tmp_path):

@@ -231,14 +231,6 @@ def test_a_recording_that_was_used_is_what_was_read(runs, poses, monkeypatch):
     assert [run.motion.eta.sum() for run in read] == [run.motion.eta.sum() for run in runs]
 
 
-def test_results_are_pickled(runs):
-    model = ground.Model.load(MODEL)
-    comparison = ground.compare(model, runs[0])
-    assert pickle.loads(pickle.dumps(comparison)).to_dict() == comparison.to_dict()
-    fit = ground.fit(model, runs[0], free=["k"])
-    assert pickle.loads(pickle.dumps(fit)).to_dict() == fit.to_dict()
-
-
 # --- columns of tables
 
 

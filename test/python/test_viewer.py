@@ -187,22 +187,6 @@ def test_without_the_library_a_sentence_says_what_to_install(run, tmp_path):
                     ground.to_mcap(run, tmp_path / "run.mcap")
 
 
-UNITS = {
-    "off_mm": 1e3,
-    "age_ms": 1e3,
-    "X_mN": 1e3,
-    "N_sigma_mNm": 1e3,
-    "r_deg_s": math.degrees(1),
-    "heading_noise_deg": math.degrees(1),
-}
-UNITS.update(dict.fromkeys(["x_m", "u_m_s", "left", "elapsed_s"], 1))
-
-
-@pytest.mark.parametrize("field, unit", UNITS.items())
-def test_the_name_of_a_field_says_its_unit(field, unit):
-    assert channels.factor(field) == pytest.approx(unit)
-
-
 def test_layouts_show_only_channels_that_there_are():
     known = {topic + "." + f for topic, kind in channels.KINDS.items() for f in (*kind.numbers, *kind.texts)}
     known |= {"%s.%s" % (topic, name) for topic in channels.COMMANDS for name in ("left", "right", "lift")}
