@@ -47,7 +47,7 @@ endfunction()
 set(ground_core_options -fno-math-errno)  # no code reads errno after a square root
 
 ground_library(model)
-# The effects are many small files: their headers take most of the time to compile.
+# The headers of effects take most of the time to compile.
 file(GLOB sources CONFIGURE_DEPENDS ${ground_source_dir}/src/model/*.cpp)
 set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
 set_target_properties(ground_model PROPERTIES UNITY_BUILD ON)

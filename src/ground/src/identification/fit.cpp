@@ -105,6 +105,13 @@ Initials initialsAt(const std::vector<double>& scaled, const Linearisation& wind
   return minimiseLoss(windows, none, delta, kTolerance, options.max_iterations, {{}, measured}).initial;
 }
 
+void checkInitials(const SimulationError& problem, const Initials& initial) {
+  bool fits = initial.size() == problem.windows().size();
+  for (const Eigen::VectorXd& state : initial)
+    fits = fits && state.size() == problem.initialSize() && state.allFinite();
+  if (!fits) throw std::invalid_argument("the initial states are not those of the windows");
+}
+
 /// The weight of what is known beforehand at the start of a fit, where the residuals are largest: a fit comes
 /// from what is known to what the data say.
 double weightAtStart(const Linearisation& windows, const Free& free, const FitOptions& options) {
@@ -218,10 +225,7 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   if (options.free.empty()) throw std::invalid_argument("no parameter is free");
   if (options.starts < 1) throw std::invalid_argument("a fit needs at least one start");
   if (!(options.width >= 0)) throw std::invalid_argument("the width of the loss is negative or NaN");
-  bool has_initials = options.initial.empty() || options.initial.size() == windows_.size();
-  for (const Eigen::VectorXd& state : options.initial)
-    has_initials = has_initials && state.size() == initialSize() && state.allFinite();
-  if (!has_initials) throw std::invalid_argument("the initial states are not those of the windows");
+  if (!options.initial.empty()) detail::checkInitials(*this, options.initial);
   std::vector<const RunData*> all;
   for (const RunData& run : runs()) all.push_back(&run);
   std::vector<std::string> unknown = options.free;

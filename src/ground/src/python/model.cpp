@@ -172,6 +172,9 @@ void defPayload(py::module_& module) {
       .def(pickledBy(&Payload::mass, &Payload::place, &Payload::inertia));
 }
 
+double voltsOf(const Model& model) { return model.body.volts; }
+void setVolts(Model& model, double volts) { model.body.volts = volts; }
+
 void defModel(py::module_& module) {
   py::class_<Model>(module, "Model", "A craft: rigid body and effects.")
       .def(py::init<>())
@@ -179,10 +182,7 @@ void defModel(py::module_& module) {
       .def_readwrite("disturbance", &Model::disturbance)
       .def_readwrite("provenance", &Model::provenance)
       .def_property_readonly("input_max", [](const Model& m) { return m.body.input_max; })
-      .def_property(
-          "volts", [](const Model& m) { return m.body.volts; },
-          [](Model& m, double volts) { m.body.volts = volts; },
-          "Voltage of the battery at which k holds [V]; 0: not told.")
+      .def_property("volts", &voltsOf, &setVolts, "Voltage of the battery at which k holds [V]; 0: not told.")
       .def_property_readonly("effects",
                              [](const Model& m) {
                                std::vector<std::string> names;
