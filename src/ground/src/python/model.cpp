@@ -175,6 +175,16 @@ void defPayload(py::module_& module) {
 double voltsOf(const Model& model) { return model.body.volts; }
 void setVolts(Model& model, double volts) { model.body.volts = volts; }
 
+py::list describeParameters(const Model& model) {
+  py::list list;
+  for (const ParameterInfo& info : model.parameters()) {
+    py::dict described = describe(info);
+    described["scale"] = info.scale(model.body);
+    list.append(described);
+  }
+  return list;
+}
+
 void defModel(py::module_& module) {
   py::class_<Model>(module, "Model", "A craft: rigid body and effects.")
       .def(py::init<>())
@@ -209,18 +219,7 @@ void defModel(py::module_& module) {
       .def("forces", &forcesOf, "inputs"_a,
            "The wrench of inputs (n, thrusters) without effects, over k and k l: X, Y, N (n, 3).")
       .def("copy", [](const Model& m) { return Model(m); })
-      .def(
-          "parameters",
-          [](const Model& m) {
-            py::list list;
-            for (const ParameterInfo& info : m.parameters()) {
-              py::dict described = describe(info);
-              described["scale"] = info.scale(m.body);
-              list.append(described);
-            }
-            return list;
-          },
-          "Name, unit, doc, neutral value and bounds of every parameter.")
+      .def("parameters", &describeParameters, "Name, unit, doc, neutral value and bounds of every parameter.")
       .def("value", &Model::value, "parameter"_a)
       .def("set_value", &Model::setValue, "parameter"_a, "value"_a)
       .def("penalty", &Model::penalty, "parameters"_a,
