@@ -6,6 +6,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "ground/model/random_wrench.h"
+
 namespace ground::detail {
 namespace {
 
@@ -52,12 +54,14 @@ std::vector<WrenchStep> wrenchSteps(const RunData& run, const DisturbanceLevels&
     WrenchStep step;
     step.dt = run.times[at + 1] - run.times[at];
     for (int i = 0; i < 3; ++i) {
-      step.left(i) = std::exp(-step.dt / levels.time(i));
-      step.fresh(i) = levels.sigma(i) * std::sqrt(1 - step.left(i) * step.left(i));
+      const OrnsteinUhlenbeckStep slow(levels.sigma(i), levels.time(i), step.dt);
+      step.left(i) = slow.left;
+      step.fresh(i) = slow.fresh;
       step.white(i) = std::sqrt(step.dt) * levels.white(i);
     }
-    step.left_room = std::exp(-step.dt / levels.time_room);
-    step.fresh_room = levels.sigma_room * std::sqrt(1 - step.left_room * step.left_room);
+    const OrnsteinUhlenbeckStep in_room(levels.sigma_room, levels.time_room, step.dt);
+    step.left_room = in_room.left;
+    step.fresh_room = in_room.fresh;
     steps.push_back(step);
   }
   return steps;
@@ -89,15 +93,7 @@ void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& 
     const Vector2<double> in_room = 0.5 * step.dt * (room + next_room);
     slow = next;
     room = next_room;
-    const auto push = [&] {  // half of the impulse
-      RigidState<double>& at = simulation.state();
-      Vector3<double> sum = impulse;
-      sum.head<2>() += worldToBody(at.eta.z(), in_room);
-      at.nu += 0.5 * mobility * sum;
-    };
-    push();
-    simulation.advance(run.times[static_cast<std::size_t>(first) + k + 1]);
-    push();
+    advancePushed(simulation, run.times[static_cast<std::size_t>(first) + k + 1], mobility, impulse, in_room);
     see(static_cast<Eigen::Index>(k + 1));
   }
 }
