@@ -99,6 +99,7 @@ void ControllerLifecycle::trust(Instant now) {
   const std::string jump = jumped(*trusted_);
   known_ = trusted_;
   if (!jump.empty()) enter(now, State::kStopped, jump);
+  if (driving()) attempt([&] { pilot_.observe(*measured_); });
 }
 
 void ControllerLifecycle::timeJumped(Instant now, const std::string& what) {

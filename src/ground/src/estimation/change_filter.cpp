@@ -14,7 +14,8 @@
 namespace ground {
 namespace {
 
-constexpr int kLanes = 8;             // derivatives of a Jet
+constexpr double kPositionNoise = 3e-4, kHeadingNoise = 5e-3;  // of poses [m], [rad]
+constexpr int kLanes = 8;                                      // derivatives of a Jet
 constexpr double kFilterStep = 0.01;  // longest step of the integration [time scales]
 // A longer gap between measurements restarts it, because commands may be lost, too [time scales].
 constexpr double kFilterGap = 0.15;
@@ -162,7 +163,7 @@ void ChangeFilter::begin(const RigidState<double>& measured) {
   x_.segment<3>(kPush).setZero();
   P_.topRows<kBias>().setZero();
   P_.leftCols<kBias>().setZero();
-  const double position = params_.position_noise, heading = params_.heading_noise;
+  const double position = kPositionNoise, heading = kHeadingNoise;
   Eigen::Matrix<double, 6, 1> deviation;
   // The first velocity is as certain as that by two poses.
   const Vector3<double> noise(position, position, heading);
@@ -301,7 +302,7 @@ ChangeFilter::Step ChangeFilter::correct(const Vector3<double>& eta) {
     step.innovation(i) = eta(i) - seen.eta(i).a;
   }
   step.innovation.z() = wrapAngle(step.innovation.z());
-  const Vector3<double> noise(params_.position_noise, params_.position_noise, params_.heading_noise);
+  const Vector3<double> noise(kPositionNoise, kPositionNoise, kHeadingNoise);
   const Matrix PH = P_ * step.output.transpose();
   Matrix3<double> R = squared(noise).asDiagonal();
   step.covariance = step.output * PH + R;

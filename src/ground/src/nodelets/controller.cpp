@@ -24,6 +24,7 @@ MeasuredState measuredState(const ground_msgs::State& message, double stamp) {
   measured.state = stateIn(message);
   for (int i = 0; i < 3; ++i)
     measured.nu_variance(i) = message.nu_covariance[static_cast<std::size_t>(4 * i)];
+  measured.pose = poseIn(message);
   measured.valid = message.valid;
   measured.problem = message.status;
   return measured;

@@ -187,7 +187,7 @@ class LiveComparison : public Shell {
     for (std::size_t i = 0; i < kModels; ++i) {
       Contestant& c = contestants_[i];
       if (!c.monitor) continue;
-      errors[i] = c.monitor->measure(time, state);
+      errors[i] = c.monitor->measure(time, state, poseIn(*message));
       if (errors[i]) publishError(c, message->header, *errors[i]);
     }
     watchChanges(time, state, message->header);

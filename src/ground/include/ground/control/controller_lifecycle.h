@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "ground/control/fence.h"
+#include "ground/estimation/pose_measurement.h"
 #include "ground/model/dynamics.h"
 #include "ground/model/inputs.h"
 #include "ground/parameters/LifecycleFields.h"
@@ -37,6 +38,7 @@ struct MeasuredState {
   bool valid = false;
   std::string problem = {};                               ///< why it is not valid
   Vector3<double> nu_variance = Vector3<double>::Zero();  ///< variance of the velocities
+  PoseMeasurement pose = {};                              ///< what was measured, before any filter
 };
 
 /// Computes the commands while a controller drives. Times `elapsed` are seconds since it began.
@@ -64,6 +66,8 @@ class Pilot {
   virtual void activate(double /*stamp*/) {}
   /// Called when driving ends, for any reason.
   virtual void deactivate() {}
+  /// Called with every valid state, while it is active.
+  virtual void observe(const MeasuredState& /*measured*/) {}
   /// Reason to stop, or an empty string to continue. Called with every state and before every
   /// closed-loop update.
   virtual std::string objection(const MeasuredState& /*measured*/) { return ""; }
