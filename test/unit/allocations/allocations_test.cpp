@@ -57,6 +57,7 @@ long allocationsOf(TrackingController& controller, const Model& model, int count
   long before = 0;
   for (int i = -100; i < count; ++i) {
     seen.stamp = seen.now = t;
+    seen.pose = poseMeasurement(seen.state.eta, 3e-4, 5e-3);
     if (i == 0) before = allocations;
     const Thrusters<double> inputs = controller.decide(seen);
     controller.commanded(t, inputs, 1);

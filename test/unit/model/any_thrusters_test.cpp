@@ -69,8 +69,14 @@ double errorOf(const Model& truth, TrackingController& control, const ReferenceT
   for (int i = 0; i < duration * 50; ++i) {
     const double t = i / 50.0;
     simulation.advance(t);
-    const Thrusters<double> chosen =
-        control.decide({t, t, simulation.state(), &reference, 0, {1, std::nullopt}});
+    const Thrusters<double> chosen = control.decide({t,
+                                                     t,
+                                                     simulation.state(),
+                                                     &reference,
+                                                     0,
+                                                     {1, std::nullopt},
+                                                     0,
+                                                     poseMeasurement(simulation.state().eta, 3e-4, 5e-3)});
     EXPECT_TRUE(truth.thrusters->clipped(chosen, truth.body.input_max) == chosen) << t;
     control.commanded(t, chosen, 1);
     inputs.add(t, chosen, 1);

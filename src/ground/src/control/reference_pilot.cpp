@@ -70,8 +70,14 @@ void ReferencePilot::activate(double) {
   if (obedience_) obedience_->reset();
 }
 
+void ReferencePilot::observe(const MeasuredState& measured) {
+  pose_ = measured.pose;
+  controller_->observe(observation(measured.stamp, measured.state, lift_));
+}
+
 std::string ReferencePilot::objection(const MeasuredState& measured) {
   const double stamp = measured.stamp;
+  observe(measured);
   if (!reference_start_) {
     reference_start_ = stamp;
     watch_.restart();
@@ -87,14 +93,27 @@ std::string ReferencePilot::objection(const MeasuredState& measured) {
 
 Inputs ReferencePilot::update(double, double stamp, const RigidState<double>& state, double lift) {
   const double before = processorTime();
-  const double now = std::max(stamp, clock_());
-  Thrusters<double> inputs = controller_->decide(
-      {now, stamp, state, reference_.get(), *reference_start_, {lift, volts_}, drive_.origin(now)});
+  lift_ = lift;
+  const Observation seen = observation(stamp, state, lift);
+  const double now = seen.now;
+  Thrusters<double> inputs = controller_->decide(seen);
   asVector(inputs) /= input_max_;
   Thrusters<double> wanted = controller_->wanted();
   asVector(wanted) /= input_max_;
   decided_({now, stamp, at(stamp), inputs, wanted, processorTime() - before});
   return {inputs, lift};
+}
+
+Observation ReferencePilot::observation(double stamp, const RigidState<double>& state, double lift) const {
+  const double now = std::max(stamp, clock_());
+  return {now,
+          stamp,
+          state,
+          reference_.get(),
+          reference_start_.value_or(stamp),
+          {lift, volts_},
+          drive_.origin(now),
+          pose_};
 }
 
 ReferencePoint ReferencePilot::at(double stamp) const {

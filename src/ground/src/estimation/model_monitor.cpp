@@ -158,18 +158,20 @@ Vector2<double> ModelMonitor::noiseAfter(Samples::const_iterator from) const {
   Matrix6 noise = from->noise;
   for (auto next = from + 1; next != samples_.end(); ++next)
     noise = (next->transition * noise * next->transition.transpose()).eval();
-  const double position = params_.observer.position_noise, heading = params_.observer.heading_noise;
-  return {noise(0, 0) + noise(1, 1) + 2 * position * position, noise(2, 2) + heading * heading};
+  noise.topLeftCorner<3, 3>() += samples_.back().pose_noise;
+  return {noise(0, 0) + noise(1, 1), noise(2, 2)};
 }
 
-std::optional<ModelMonitor::Error> ModelMonitor::measure(double time, const RigidState<double>& measured) {
+std::optional<ModelMonitor::Error> ModelMonitor::measure(double time, const RigidState<double>& state,
+                                                         const PoseMeasurement& measured) {
+  if (!measured.eta.allFinite()) return std::nullopt;
   if (!samples_.empty() && time < samples_.back().time) reset();
   if (!samples_.empty() && time == samples_.back().time) return std::nullopt;
   observer_.countFrom(inputs_.drive.origin(time));
-  observer_.measure(time, measured);
+  observer_.measure(time, state, measured);
   const DisturbanceObserver::Estimate estimate = observer_.at(time);
-  samples_.push_back(
-      {time, estimate.state, measured.eta, observer_.noise().topLeftCorner<6, 6>(), observer_.transition()});
+  samples_.push_back({time, estimate.state, measured.eta, measured.covariance,
+                      observer_.noise().topLeftCorner<6, 6>(), observer_.transition()});
   while (time - samples_.front().time > kSlack * params_.horizon) samples_.pop_front();
   const auto from = start(time);
   if (from == samples_.end()) return std::nullopt;

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "filter_steps.h"
+#include "ground/model/random_wrench.h"
 
 namespace ground::detail {
 namespace {
@@ -63,15 +64,7 @@ void drawMotion(const RunData& run, Model model, const Random& random, const Fil
         dt * from.segment<3>(kConstant) + mean.head<3>().matrix() +
         std::sqrt(dt) * random.white.sqrt().matrix().cwiseProduct(normal.vector<3>());
     slow = next;
-    const auto push = [&] {  // half of the impulse
-      RigidState<double>& at = simulation.state();
-      Vector3<double> sum = impulse;
-      sum.head<2>() += worldToBody<double>(at.eta.z(), mean.tail<2>().matrix());
-      at.nu += 0.5 * mobility * sum;
-    };
-    push();
-    simulation.advance(time[1]);
-    push();
+    advancePushed(simulation, time[1], mobility, impulse, mean.tail<2>().matrix());
     see(row);
   }
 }

@@ -181,7 +181,7 @@ class LiveComparison : public Shell {
     for (std::size_t i = 0; i < kModels; ++i) {
       Contestant& c = contestants_[i];
       if (!c.monitor) continue;
-      errors[i] = c.monitor->measure(time, state);
+      errors[i] = c.monitor->measure(time, state, poseIn(*message));
       if (errors[i]) publishError(c, message->header, *errors[i]);
     }
     const bool is_tried = errors[0] && errors[1] && errors[0]->excited && errors[1]->excited;

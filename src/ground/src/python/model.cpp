@@ -14,6 +14,7 @@
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
+#include "ground/model/random_wrench.h"
 #include "ground/model/simulation.h"
 
 namespace py = pybind11;
@@ -100,17 +101,16 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
     const Matrix3<double> mobility = dynamics.mass().inverse();
     for (Eigen::Index i = 0; i < count; ++i) {
       const double time = times[static_cast<std::size_t>(i)];
-      const double half = 0.5 * (time - simulation.time());
-      const auto push = [&] {  // half of the impulse acts before the step, half after
-        RigidState<double>& at = simulation.state();
-        Vector3<double> acting = Vector3<double>::Zero();
-        if (pushes) acting += wrench->row(i - 1).transpose();
-        if (draught) acting.head<2>() += worldToBody<double>(at.eta.z(), room->row(i - 1).transpose());
-        at.nu += half * mobility * acting;
-      };
-      if (i > 0 && (pushes || draught)) push();
-      simulation.advance(time);
-      if (i > 0 && (pushes || draught)) push();
+      if (i > 0 && (pushes || draught)) {
+        const double dt = time - simulation.time();
+        Vector3<double> impulse = Vector3<double>::Zero();
+        Vector2<double> in_room = Vector2<double>::Zero();
+        if (pushes) impulse = dt * wrench->row(i - 1).transpose();
+        if (draught) in_room = dt * room->row(i - 1).transpose();
+        advancePushed(simulation, time, mobility, impulse, in_room);
+      } else {
+        simulation.advance(time);
+      }
       eta_out.row(i) = simulation.measure().eta;
       nu_out.row(i) = simulation.measure().nu;
     }

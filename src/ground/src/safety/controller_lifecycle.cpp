@@ -91,6 +91,7 @@ void ControllerLifecycle::stopIfJumped(Instant now) {
   const std::string jump = jumped(*measured_);
   known_ = measured_;
   if (!jump.empty()) enter(now, State::kStopped, jump);
+  if (driving()) attempt([&] { pilot_.observe(*measured_); });
 }
 
 void ControllerLifecycle::timeJumped(Instant now, const std::string& what) {

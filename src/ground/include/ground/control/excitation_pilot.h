@@ -68,6 +68,9 @@ class ExcitationPilot : public Pilot {
 
   void activate(double stamp) override;
   void deactivate() override { active_ = false; }
+  void observe(const MeasuredState& measured) override {
+    if (returns_) home_.observe(measured);
+  }
   std::string objection(const MeasuredState& measured) override;
   Inputs update(double elapsed, double stamp, const RigidState<double>& state, double lift) override;
   double end() const override { return std::min(duration_, ended_); }

@@ -63,12 +63,14 @@ class ReferencePilot : public Pilot {
   void driveBegan(double began, double as_of) override { drive_.record(began, as_of); }
 
   void activate(double stamp) override;
+  void observe(const MeasuredState& measured) override;
   std::string objection(const MeasuredState& measured) override;
   Inputs update(double elapsed, double stamp, const RigidState<double>& state, double lift) override;
   double end() const override { return duration_; }
 
  private:
   ReferencePoint at(double stamp) const;
+  Observation observation(double stamp, const RigidState<double>& state, double lift) const;
 
   Clock clock_, steady_;
   Decided decided_;
@@ -87,6 +89,8 @@ class ReferencePilot : public Pilot {
   bool expects_obedience_ = false;
   std::optional<ObedienceMonitor> obedience_;
   DriveClock drive_;
+  PoseMeasurement pose_;  ///< of the last state
+  double lift_ = 1;       ///< of the last command
 };
 
 }  // namespace ground

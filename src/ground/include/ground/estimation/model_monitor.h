@@ -90,9 +90,9 @@ class ModelMonitor {
   void voltage(double time, double volts);
   /// Sets the drives known so far, which define the model's t; commands add later ones.
   void setDrive(const DriveClock& drive) { inputs_.drive = drive; }
-  /// Adds a valid state and returns the prediction error. Returns nothing if there is no state one
-  /// horizon ago, the prediction is not finite, or time has jumped back.
-  std::optional<Error> measure(double time, const RigidState<double>& measured);
+  /// Adds a valid state, with the pose that was measured, and returns the prediction error. Returns nothing
+  /// if there is no state one horizon ago, the prediction is not finite, or time has jumped back.
+  std::optional<Error> measure(double time, const RigidState<double>& state, const PoseMeasurement& measured);
   /// Predicted measurements of poses over the last horizon, about `step` [s] apart.
   std::vector<Vector3<double>> path(double step) const;
   const Model& model() const { return model_; }
@@ -101,10 +101,11 @@ class ModelMonitor {
   using Matrix6 = Eigen::Matrix<double, 6, 6>;
   struct Sample {
     double time;
-    RigidState<double> state;  ///< the observer's estimate, which is less noisy than measurements
-    Vector3<double> measured;  ///< pose
-    Matrix6 noise;             ///< covariance of the estimate by the noise of the poses
-    Matrix6 transition;        ///< derivatives of the estimate by the one before
+    RigidState<double> state;    ///< the observer's estimate, which is less noisy than measurements
+    Vector3<double> measured;    ///< pose
+    Matrix3<double> pose_noise;  ///< its covariance
+    Matrix6 noise;               ///< covariance of the estimate by the noise of the poses
+    Matrix6 transition;          ///< derivatives of the estimate by the one before
   };
   /// Squares of position and heading, whose means over the window are reported.
   struct Score {

@@ -48,6 +48,8 @@ class Pilot {
   virtual void activate(double /*stamp*/) {}
   /// Called when driving ends, for any reason.
   virtual void deactivate() {}
+  /// Called with every valid state, while it is active.
+  virtual void observe(const MeasuredState& /*measured*/) {}
   /// Reason to stop, or an empty string to continue. Called with every state and before every
   /// closed-loop update.
   virtual std::string objection(const MeasuredState& /*measured*/) { return ""; }

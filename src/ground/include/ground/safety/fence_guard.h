@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "ground/estimation/pose_measurement.h"
 #include "ground/model/dynamics.h"
 #include "ground/safety/fence.h"
 
@@ -18,6 +19,7 @@ struct MeasuredState {
   bool valid = false;
   std::string problem = {};                               ///< why it is not valid
   Vector3<double> nu_variance = Vector3<double>::Zero();  ///< variance of the velocities
+  PoseMeasurement pose = {};                              ///< what was measured, before any filter
 
   bool finite() const { return state.eta.allFinite() && state.nu.allFinite(); }
 };

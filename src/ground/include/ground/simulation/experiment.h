@@ -24,6 +24,7 @@ struct ExperimentParams {
   /// Disturbance of the craft; Model::disturbance is not used.
   Disturbance disturbance = {};
   BatteryParams battery = {};  ///< of the craft
+  double imu_rate = 0;  ///< samples of a SimulatedImu that the craft sends as they are taken [Hz]; 0: none
   /// The craft, which must outlive the experiment; null for one that moves by the model. With a
   /// given craft, `initial`, `disturbance` and `battery` are not used, and the model gives the number of
   /// thrusters and their largest input. Its clock is that of the experiment.
@@ -36,7 +37,8 @@ struct DriveParams {
   DriveParams() { life.require_armed = false; }
 
   EstimatorParams estimator;
-  bool estimate = true;      ///< otherwise states are exact measurements at the frames' captures
+  /// Otherwise states are exact measurements at the frames' captures; the estimator's noise is still stated.
+  bool estimate = true;
   LifecycleParams life;      ///< no sender has to be armed
   double start = 0.5;        ///< start of the controller; the lift waits for a valid state [s]
   double duration = 20.0;    ///< duration of driving [s]
