@@ -93,7 +93,8 @@ class Flight {
       simulation_->advance(time_);
       RigidState<double> seen = simulation_->state();
       for (int axis = 0; axis < 3; ++axis) seen.eta(axis) += (axis < 2 ? 4e-4 : 5e-3) * normal(random_);
-      if (const auto found = monitor_.measure(time_, seen)) since_ = found->failing_since;
+      if (const auto found = monitor_.measure(time_, seen, poseMeasurement(seen.eta, 4e-4, 5e-3)))
+        since_ = found->failing_since;
       if (std::isinf(failed) && fails()) failed = (time_ - began) / scale_;
     }
     return failed;

@@ -3,9 +3,9 @@
 #include "ground/control/plan_walls.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/time_budget.h"
-#include "ground/estimation/pose_measurement.h"
 #include "ground/model/dynamics.h"
 #include "ground/model/inputs.h"
+#include "ground/model/pose_measurement.h"
 
 namespace ground {
 

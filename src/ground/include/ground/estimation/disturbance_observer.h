@@ -5,7 +5,7 @@
 #include <limits>
 #include <optional>
 
-#include "ground/estimation/pose_measurement.h"
+#include "ground/model/pose_measurement.h"
 #include "ground/model/pushed_step.h"
 #include "ground/parameters/ObserverParams.h"
 

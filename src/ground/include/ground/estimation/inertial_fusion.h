@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "ground/estimation/motion_filter.h"
-#include "ground/estimation/pose_measurement.h"
+#include "ground/model/pose_measurement.h"
 #include "ground/model/types.h"
 
 namespace ground {

@@ -11,7 +11,7 @@
 #include <optional>
 #include <string>
 
-#include "ground/estimation/pose_measurement.h"
+#include "ground/model/pose_measurement.h"
 #include "ground/model/types.h"
 #include "ground/safety/fence_guard.h"
 

@@ -6,8 +6,8 @@
 #include <utility>
 #include <vector>
 
-#include "ground/estimation/pose_measurement.h"
 #include "ground/model/dynamics.h"
+#include "ground/model/pose_measurement.h"
 #include "ground/safety/fence.h"
 
 namespace ground {
