@@ -32,7 +32,9 @@ MonitorParams params(const Model& model) {
   MonitorParams p;
   p.horizon *= timeScale(model);
   p.window *= timeScale(model);
-  p.observer.push_drift = 0.5;  // as live_comparison has them
+  p.observer.push = 0.02;  // as live_comparison has them
+  p.observer.twist = 0.5;
+  p.observer.push_drift = 0.5;
   p.observer.twist_drift = 10;
   return p;
 }

@@ -218,6 +218,11 @@ void PredictiveControl::observe(const Observation& seen) {
   observer_.measure(seen.stamp, seen.state, seen.pose);
 }
 
+std::string PredictiveControl::objection() const {
+  if (observer_.started()) return "";
+  return "states have no pose as it was measured: who publishes them has to fill in pose and pose_covariance";
+}
+
 Thrusters<double> PredictiveControl::decide(const Observation& seen) {
   budget_.start(params_.deadline);
   wanted_ = Thrusters<double>::zero(forward_.size());

@@ -78,6 +78,8 @@ void ReferencePilot::observe(const MeasuredState& measured) {
 std::string ReferencePilot::objection(const MeasuredState& measured) {
   const double stamp = measured.stamp;
   observe(measured);
+  const std::string objection = controller_->objection();
+  if (!objection.empty()) return objection;
   if (!reference_start_) {
     reference_start_ = stamp;
     watch_.restart();

@@ -72,6 +72,8 @@ class LiveComparison : public Shell {
     comparison_publisher_ = topics.advertise<ground_msgs::ModelComparison>("model_comparison", 1);
     controls_subscriber_ = topics.subscribe("controls", 50, &LiveComparison::onControls, this,
                                             ros::TransportHints().tcpNoDelay());
+    sent_subscriber_ =
+        topics.subscribe("sent", 50, &LiveComparison::onSent, this, ros::TransportHints().tcpNoDelay());
     drive_subscriber_ = topics.subscribe("drive", 4, &LiveComparison::onDrive, this);
     telemetry_subscriber_ = topics.subscribe("sender/telemetry", 4, &LiveComparison::onTelemetry, this);
     state_subscriber_ =
@@ -119,6 +121,7 @@ class LiveComparison : public Shell {
       drive_ = DriveClock();
       for (Contestant& c : contestants_)
         if (c.monitor) c.monitor->reset();
+      hears_sent_ = false;
       first_command_.reset();
       first_state_.reset();
       followRecord();
@@ -142,8 +145,19 @@ class LiveComparison : public Shell {
     if (!epoch_.isZero()) followRecord();
   }
 
+  /// What was commanded, until it is known what has left for the craft: recordings are read likewise.
   void onControls(const ground_msgs::Controls::ConstPtr& controls) {
     const std::lock_guard<std::mutex> lock(mutex_);
+    if (!hears_sent_) take(controls);
+  }
+
+  void onSent(const ground_msgs::Controls::ConstPtr& sent) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!std::exchange(hears_sent_, true)) first_command_.reset();
+    take(sent);
+  }
+
+  void take(const ground_msgs::Controls::ConstPtr& controls) {
     const Inputs inputs = readInputs(*controls);
     if (!inputs.finite()) return;
     const double time = seconds(controls->header.stamp);
@@ -271,7 +285,9 @@ class LiveComparison : public Shell {
   std::optional<double> first_command_, first_state_;  ///< on the monitors' clock [s]
   double last_paths_ = 0;
   ros::Publisher comparison_publisher_;
-  ros::Subscriber state_subscriber_, controls_subscriber_, drive_subscriber_, telemetry_subscriber_;
+  bool hears_sent_ = false;
+  ros::Subscriber state_subscriber_, controls_subscriber_, sent_subscriber_, drive_subscriber_,
+      telemetry_subscriber_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
   std::array<ModelService, kModels> services_;
 };

@@ -6,11 +6,14 @@ void FenceGuard::state(const MeasuredState& measured) {
   last_ = measured;
   if (!measured.valid || !measured.finite()) return;
   valid_ = measured;
-  while (thrusts_.size() > 1 && thrusts_[1].since <= measured.stamp) thrusts_.erase(thrusts_.begin());
+  const auto later = [&](const Thrust& one) { return one.since > measured.stamp; };
+  const auto next =
+      std::find_if(thrusts_.begin(), thrusts_.end(), later);  // the one before it acts at the stamp
+  if (next != thrusts_.begin()) thrusts_.erase(thrusts_.begin(), next - 1);
 }
 
 void FenceGuard::sent(double time, const Vector2<double>& acceleration) {
-  if (!valid_) thrusts_.clear();  // only the last one may count
+  if (!fence_ || !valid_) thrusts_.clear();  // only the last one may count
   if (thrusts_.empty() || thrusts_.back().acceleration != acceleration)
     thrusts_.push_back({time, acceleration});
 }

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <string>
+
 #include "ground/control/plan_walls.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/time_budget.h"
@@ -42,6 +44,8 @@ class TrackingController {
   }
   /// Called with every state, also with those between decisions.
   virtual void observe(const Observation& /*observation*/) {}
+  /// Why it cannot work with what it has observed; empty if it can.
+  virtual std::string objection() const { return ""; }
   /// Inputs of all thrusters, in the model's units and within their ranges; not finite if it cannot
   /// decide.
   virtual Thrusters<double> decide(const Observation& observation) = 0;

@@ -126,6 +126,7 @@ template <class P>
 class ControllerOf : public Controller {
  public:
   ControllerOf() : Controller(std::make_unique<P>()) {}
+  ~ControllerOf() override { shutdown(); }
 
  private:
   void load(ros::NodeHandle& nh) override { setParams(static_cast<P&>(pilot()).load(nh)); }
