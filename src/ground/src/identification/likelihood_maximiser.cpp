@@ -6,6 +6,7 @@
 #include <numeric>
 #include <optional>
 #include <set>
+#include <stdexcept>
 #include <vector>
 
 #include "projected_step.h"
@@ -130,6 +131,8 @@ class Maximiser {
     Eigen::MatrixXd damped = information_;
     damped.diagonal() = (1 + damping) * damped.diagonal().array() + 1e-9 + 1e-6 * damping;
     const Eigen::VectorXd step = projectedStep(damped, -score_, lower_ - point_.theta, upper_ - point_.theta);
+    // where all poses count as outliers, nothing holds the filter, and derivatives grow without bound
+    if (!step.allFinite()) throw std::runtime_error("the derivatives of the likelihood are not finite");
     Step result = stepBy(step, score_, information_);
     result.to.theta += step;
     result.to.at.model = modelAt(point_.at.model, free_, result.to.theta.data());
