@@ -806,7 +806,7 @@ def test_two_crafts_are_recorded_with_their_own_names_and_a_mocap_of_both(tmp_pa
             two.write(topic, message, time_of)
             if topic.startswith(("/a/", "/mocap/first/")):
                 beside = topic.replace("/a/", "/lab/b/").replace("first", "second")
-                if beside.endswith("/controls"):
+                if beside.endswith(("/controls", "/sent")):
                     message.left = 0.25
                 two.write(beside, message, time_of)
     assert run.controls.max() > 0.5 and len(run.eta) > 400

@@ -31,21 +31,44 @@ bool registerThrusterEffect(const std::string& name, MakeThrusterEffect make);
 
 namespace detail {
 
+/// Type of a pointer to the static function that may stand for a member function of EffectHooks.
+template <class Member>
+struct StaticOf;
+template <class Hooks, class... Args>
+struct StaticOf<void (Hooks::*)(Args...) const> {
+  using Type = void (*)(Args...);
+};
+template <class Member>
+using Static = typename StaticOf<Member>::Type;
+
 /// For each hook: Has_ says whether struct E has a member of that name (the name is ambiguous in a
-/// class that inherits it from E and from Named_). call_ calls it.
-#define GROUND_HOOK(Hook)                                                                  \
-  struct Named_##Hook {                                                                    \
-    int Hook;                                                                              \
-  };                                                                                       \
-  template <class E>                                                                       \
-  struct Both_##Hook : E, Named_##Hook {};                                                 \
-  template <class E, class = void>                                                         \
-  struct Has_##Hook : std::true_type {};                                                   \
-  template <class E>                                                                       \
-  struct Has_##Hook<E, std::void_t<decltype(&Both_##Hook<E>::Hook)>> : std::false_type {}; \
-  template <class E, class... Args>                                                        \
-  void call_##Hook(Args&&... args) {                                                       \
-    if constexpr (Has_##Hook<E>::value) E::Hook(std::forward<Args>(args)...);              \
+/// class that inherits it from E and from Named_). Fits_ says whether that member is a hook for
+/// scalar T. call_ calls it.
+#define GROUND_HOOK(Hook)                                                                                   \
+  struct Named_##Hook {                                                                                     \
+    int Hook;                                                                                               \
+  };                                                                                                        \
+  template <class E>                                                                                        \
+  struct Both_##Hook : E, Named_##Hook {};                                                                  \
+  template <class E, class = void>                                                                          \
+  struct Has_##Hook : std::true_type {};                                                                    \
+  template <class E>                                                                                        \
+  struct Has_##Hook<E, std::void_t<decltype(&Both_##Hook<E>::Hook)>> : std::false_type {};                  \
+  template <class E, class T, class = void>                                                                 \
+  struct Fits_##Hook : std::false_type {};                                                                  \
+  template <class E, class T>                                                                               \
+  struct Fits_##Hook<E, T,                                                                                  \
+                     std::void_t<decltype(static_cast<Static<decltype(&EffectHooks<T>::Hook)>>(&E::Hook))>> \
+      : std::true_type {};                                                                                  \
+  template <class E, class T, class... Args>                                                                \
+  void call_##Hook(Args&&... args) {                                                                        \
+    if constexpr (Has_##Hook<E>::value) {                                                                   \
+      static_assert(Fits_##Hook<E, T>::value,                                                               \
+                    "the effect's " #Hook                                                                   \
+                    " must be a public static function, a template on the scalar T, with the "              \
+                    "parameters of ground::EffectHooks<T>::" #Hook " (ground/model/effect.h)");             \
+      if constexpr (Fits_##Hook<E, T>::value) E::Hook(std::forward<Args>(args)...);                         \
+    }                                                                                                       \
   }
 GROUND_HOOK(delay)
 GROUND_HOOK(steer)
@@ -85,18 +108,18 @@ constexpr unsigned hooksOf() {
 template <class E, class T, class Base>
 class HooksOf : public Base {
  public:
-  void delay(const T* p, T& d) const override { call_delay<E>(p, d); }
-  void steer(const T* p, std::vector<Steered<T>>& a) const override { call_steer<E>(p, a); }
+  void delay(const T* p, T& d) const override { call_delay<E, T>(p, d); }
+  void steer(const T* p, std::vector<Steered<T>>& a) const override { call_steer<E, T>(p, a); }
   void actuate(const T* p, const T& h, T* states, StepInputs<T>& u) const override {
-    call_actuate<E>(p, h, states, u);
+    call_actuate<E, T>(p, h, states, u);
   }
-  void rates(const T* p, const Point<T>& s, T* d) const override { call_rates<E>(p, s, d); }
-  void thrust(const T* p, const Point<T>& s, Thrusters<T>& f) const override { call_thrust<E>(p, s, f); }
-  void air(const T* p, Vector2<T>& w) const override { call_air<E>(p, w); }
-  void inertia(const T* p, const Body<T>& b, Matrix3<T>& m) const override { call_inertia<E>(p, b, m); }
-  void wrench(const T* p, const Point<T>& s, Vector3<T>& w) const override { call_wrench<E>(p, s, w); }
+  void rates(const T* p, const Point<T>& s, T* d) const override { call_rates<E, T>(p, s, d); }
+  void thrust(const T* p, const Point<T>& s, Thrusters<T>& f) const override { call_thrust<E, T>(p, s, f); }
+  void air(const T* p, Vector2<T>& w) const override { call_air<E, T>(p, w); }
+  void inertia(const T* p, const Body<T>& b, Matrix3<T>& m) const override { call_inertia<E, T>(p, b, m); }
+  void wrench(const T* p, const Point<T>& s, Vector3<T>& w) const override { call_wrench<E, T>(p, s, w); }
   void measure(const T* p, const Vector3<T>& eta, Measurement<T>& m) const override {
-    call_measure<E>(p, eta, m);
+    call_measure<E, T>(p, eta, m);
   }
 };
 
