@@ -79,8 +79,8 @@ class Search:
         return self.fits[frozenset()]
 
     def run(self, near: Optional[Fit] = None) -> FrozenSet[str]:
-        """The likeliest set of significant effects. near: a Fit with whose effects the search
-        begins."""
+        """The likeliest set of significant effects. near: a Fit with whose effects the search begins; an
+        earlier search has tried to swap them already."""
         self.nominal()
         current: FrozenSet[str] = frozenset()
         if near is not None:
