@@ -16,6 +16,8 @@ import ground
 from conftest import MODEL, identify
 from containers import OPTITRACK, Z_UP, Ros2, experiment, in_mocap, set_pose, write_bag, write_csv
 from ground import _core
+from ground.recordings import commands
+from ground.recordings.containers import Topic
 
 HEAD = "schema: ground/mapping/1\n"
 
@@ -461,3 +463,11 @@ def test_axes_that_need_another_column_are_refused(names, tmp_path):
         result = identify(verb[0], file, "--mapping", mapping, *verb[1:])
         assert result.returncode == 1 and result.stderr.count("\n") == 1
         assert "need x and z" in result.stderr
+
+
+@pytest.mark.parametrize("sent, best", [(1, "/a/controls"), (700, "/a/sent")])
+def test_what_was_sent_counts_where_it_is_as_long_as_what_was_commanded(sent, best):
+    """A sender that found its craft just before the end has sent next to nothing."""
+    topics = {"/a/sent": Topic(commands.OWN, sent), "/a/controls": Topic(commands.OWN, 2000)}
+    ranks = commands.ranks(topics)
+    assert min(ranks, key=ranks.get) == best
