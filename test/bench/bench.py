@@ -90,8 +90,9 @@ def screening(table):
     import time
 
     import hidden_cases
-    from ground.analysis import candidates, diagnosis
+    from ground.analysis import diagnosis
     from ground.analysis.score_tests import ScoreTests
+    from ground.effect_library import candidates
 
     case = hidden_cases.make("disturbed_single", 1)
     runs, model = hidden_cases.record(case)[0], hidden_cases.given_model(case)

@@ -7,10 +7,11 @@ import time
 import warnings
 
 import ground
-from ground.analysis import candidates, diagnosis, horizon, window_error
+from ground.analysis import diagnosis, horizon, window_error
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.verdict import HeldOut, conclude
 from ground.data.measured import repaired
+from ground.effect_library import candidates
 from ground.recordings import quality
 from ground.support.errors import GroundError
 from ground.support.progress import Work

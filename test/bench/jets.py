@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, diagnosis
+from ground.analysis import diagnosis
+from ground.effect_library import candidates
 from ground.recordings import repair
 
 RUNS, DURATION, HOLD = 4, 20.0, 0.5  # runs of a case, their length [s], how long commands last [s]

@@ -7,7 +7,8 @@ import ground
 import one_fan
 from conftest import MODEL, ROOT, identify
 from ground import _core
-from ground.analysis import candidates, diagnosis
+from ground.analysis import diagnosis
+from ground.effect_library import candidates
 from ground.recordings import suspicions
 
 CRAFTS = ROOT / "cfg" / "craft"

@@ -10,7 +10,6 @@ import yaml
 from conftest import MODEL, ROOT, identify, write_bag
 from ground import _core
 from ground.analysis import (
-    candidates,
     channels,
     dictionary,
     naming,
@@ -24,6 +23,7 @@ from ground.analysis.innovations import Innovations
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
 from ground.analysis.window_error import squared_errors
+from ground.effect_library import candidates
 from ground.recordings import headings, repair, windows
 
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]

@@ -11,8 +11,8 @@ import ground
 import mistakes
 from conftest import MODEL, SHARED, identify, schema, slow, with_effect, write_bag
 from ground import _core
-from ground.analysis import candidates
 from ground.diagnosing import answer, next_experiment
+from ground.effect_library import candidates
 from ground.support.errors import GroundError
 
 WASHBOARD = """
@@ -371,6 +371,7 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(tmp_path, dela
     from ground import _core
     from ground.analysis import diagnosis
     from ground.analysis.verdict import conclude
+    from ground.effect_library import candidates
     from ground.recordings import quality, readers
 
     truth = with_effect(tmp_path / "truth.yaml", "{name: input_delay, delay: %g}" % delay)

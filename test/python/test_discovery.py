@@ -13,7 +13,6 @@ import pytest
 import ground
 from conftest import MODEL, ROOT, identify, schema, slow
 from ground import _core
-from ground.analysis import candidates
 from ground.analysis.likelihood import Likelihood
 from ground.discovery import answer, beliefs, campaign, choice, flights, information, tracking, words
 from ground.discovery.analyst import Analyst
@@ -23,6 +22,7 @@ from ground.discovery.journal import Journal
 from ground.discovery.laboratory import Landed
 from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import CONFIRM, GIVEN, PRESENT, SLIGHT, TRACK, Flown, Story, Version
+from ground.effect_library import candidates
 from ground.simulation import experiments
 from test_identify import fails
 

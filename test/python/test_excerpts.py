@@ -5,9 +5,10 @@ import pytest
 
 from conftest import ROOT, slow
 from ground import _core
-from ground.analysis import candidates, excerpts
+from ground.analysis import excerpts
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.verdict import conclude
+from ground.effect_library import candidates
 from ground.models import Model
 from ground.recordings import quality, windows
 from ground.recordings.recording import Recording

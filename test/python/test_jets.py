@@ -9,7 +9,8 @@ import conftest
 import ground
 import jets
 from ground import _core
-from ground.analysis import candidates, window_error
+from ground.analysis import window_error
+from ground.effect_library import candidates
 from ground.recordings import commands, mapping, quality, readers, recording
 from ground.simulation import tracking
 from ground.support.errors import GroundError

@@ -11,7 +11,6 @@ from ground import _core
 from ground.analysis import (
     bands,
     between_runs,
-    candidates,
     folds,
     horizon,
     judge,
@@ -20,6 +19,7 @@ from ground.analysis import (
     window_error,
 )
 from ground.diagnosing import words
+from ground.effect_library import candidates
 from ground.recordings import repair, windows
 from ground.support.errors import GroundError
 

@@ -11,7 +11,8 @@ from conftest import slow
 def diagnosed(kind, seed):
     """A case of the bench, its Diagnosis and Conclusion."""
     import hidden_cases
-    from ground.analysis import candidates, diagnosis
+    from ground.analysis import diagnosis
+    from ground.effect_library import candidates
     from ground.analysis.verdict import conclude
 
     case = hidden_cases.make(kind, seed)

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from conftest import schema
-from ground.analysis import candidates, diagnosis, judge, window_error
+from ground.analysis import diagnosis, judge, window_error
 from ground.analysis.verdict import conclude
 from ground.data.measured import measured
 from ground.diagnosing import answer, document
+from ground.effect_library import candidates
 from ground.fitting.fit import FitOptions
 from ground.support.files import plain
 from ground.support.progress import Work

@@ -51,7 +51,7 @@ def noise_free(model):
 
 @pytest.mark.parametrize("name, text", [("skirt", SKIRT), ("droop", DROOP)])
 def test_the_parameters_of_a_planted_effect_are_found_from_its_neutral_values(name, text):
-    from ground.analysis import candidates
+    from ground.effect_library import candidates
     from ground.recordings import windows
 
     truth = planted(text)

@@ -15,7 +15,7 @@ __path__ = _extend_path(__path__, __name__)
 
 # Public names by their module. A module is loaded on first use: those that a fit needs take a second.
 _PUBLIC = {
-    "analysis.effects": "Effect EffectParameter Effects effects",
+    "effect_library.effects": "Effect EffectParameter Effects effects",
     "comparing.predict": "Prediction predict",
     "fitting.add": "Addition add",
     "discovery.discover": "Discovery discover",
@@ -41,7 +41,6 @@ _PUBLIC = {
 }
 _HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
 if TYPE_CHECKING:
-    from ground.analysis.effects import Effect, EffectParameter, Effects, effects
     from ground.comparing.compare import compare
     from ground.comparing.predict import Prediction, predict
     from ground.comparing.result import Comparison, RunComparison
@@ -50,6 +49,7 @@ if TYPE_CHECKING:
     from ground.diagnosing.diagnose import diagnose
     from ground.diagnosing.result import Diagnosis
     from ground.discovery.discover import Discovery, discover
+    from ground.effect_library.effects import Effect, EffectParameter, Effects, effects
     from ground.equations.written import ExportedModel
     from ground.exporting.recorded import ExportedRun, to_mcap
     from ground.fitting.add import Addition, add

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Dict, Iterable, Iterator, Mapping, Optional, S
 import numpy as np
 
 from ground import _core
-from ground.analysis.effects import Effect, EffectLike
+from ground.effect_library.effects import Effect, EffectLike
 from ground.support import errors, files, origin
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError, core_errors
+from ground.support.quantities import with_interval
 from ground.support.results import Shown
 
 if TYPE_CHECKING:
@@ -52,8 +53,6 @@ class Parameter:
     @property
     def words(self) -> str:
         """Value and interval in words: "50.02 ms (95%: 49.98 to 50.05 ms)"."""
-        from ground.analysis.formula_words import with_interval
-
         if not self.identified:
             return "cannot be identified from these data"
         return with_interval(self.value, *self.ci95, self.unit, self.runs)

@@ -22,7 +22,6 @@ from ground.analysis import (
     run_differences,
     window_error,
 )
-from ground.analysis.candidates import Candidate
 from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.evidence import Dropped
 from ground.analysis.judge import Comparison, Tested, compared
@@ -30,6 +29,7 @@ from ground.analysis.likelihood import COARSE, Fit, Kind, Likelihood
 from ground.analysis.score_tests import UNSEEN
 from ground.analysis.search import LEVEL, LookAlike, Search
 from ground.analysis.simulation_search import SimulationSearch
+from ground.effect_library.candidates import Candidate
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 from ground.support.progress import Work

@@ -7,9 +7,9 @@ from typing import Iterable, List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.horizon import Change
+from ground.effect_library import candidates
 from ground.support.annotations import Document
 
 

@@ -11,13 +11,14 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, formula_words, samples
+from ground.analysis import formula_words, samples
 from ground.analysis.dictionary import Feature
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.formula_words import Piece
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import LEVEL, Regression, Term
 from ground.analysis.samples import Memory
+from ground.effect_library import candidates
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 

@@ -5,8 +5,8 @@ from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates as effects
 from ground.analysis.likelihood import Fit, Likelihood, is_reciprocal
+from ground.effect_library import candidates as effects
 from ground.support.annotations import Array, Document
 
 UNSEEN = 0.003  # an effect is unseen if the fitted parameters leave less of its information

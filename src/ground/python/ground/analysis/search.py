@@ -13,11 +13,11 @@ from typing import Callable, Dict, FrozenSet, List, Mapping, Optional, Sequence,
 import numpy as np
 
 from ground import _core
-from ground.analysis.candidates import Candidate, parameters_of, turned
 from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.likelihood import COARSE, LEAST_GAIN, Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.window_error import FEW_WINDOWS, WindowFitter, free_parameters
+from ground.effect_library.candidates import Candidate, parameters_of, turned
 from ground.support.annotations import Each
 from ground.support.errors import GroundError
 from ground.support.progress import Work

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates
+from ground.effect_library import candidates
 from ground.recordings import repair, windows
 from ground.support.annotations import Array, Document, Indices, Random
 from ground.support.errors import GroundError, core_errors, warn

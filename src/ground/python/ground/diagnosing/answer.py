@@ -6,9 +6,9 @@ import os
 import shlex
 from typing import Iterator, List
 
-from ground.analysis import candidates
 from ground.analysis.diagnosis import EXPLAINED
 from ground.diagnosing import words
+from ground.effect_library import candidates
 from ground.recordings import suspicions
 from ground.reports.words import capital, direction, listed, number, off, prediction
 from ground.support.annotations import Document

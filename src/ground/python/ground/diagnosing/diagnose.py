@@ -9,8 +9,7 @@ from typing import Callable, List, Optional, Sequence
 
 import numpy as np
 
-from ground.analysis import candidates, diagnosis
-from ground.analysis.effects import Effect, EffectLike
+from ground.analysis import diagnosis
 from ground.analysis.verdict import MISREAD, conclude
 from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, Recordings, held_out, measured
@@ -18,6 +17,8 @@ from ground.diagnosing import answer, document
 from ground.diagnosing.drawn import REFITTED, Drawn
 from ground.diagnosing.next_experiment import IN_ROOM
 from ground.diagnosing.result import Diagnosis, prepare
+from ground.effect_library import candidates
+from ground.effect_library.effects import Effect, EffectLike
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
 from ground.recordings import findings
 from ground.recordings.recording import Recording

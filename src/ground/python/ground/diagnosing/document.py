@@ -4,13 +4,14 @@ import dataclasses
 from typing import Any, Iterable, List, Mapping, Optional, Sequence
 
 from ground import _core
-from ground.analysis import bands, candidates, excerpts, horizon
+from ground.analysis import bands, excerpts, horizon
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
 from ground.analysis.likelihood import Fit
 from ground.analysis.search import LookAlike
 from ground.analysis.verdict import MISREAD, Conclusion
 from ground.diagnosing import next_experiment
+from ground.effect_library import candidates
 from ground.support.annotations import Document
 
 SCHEMA = "ground/diagnosis/1"

@@ -6,7 +6,7 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, diagnosis, formula_words, horizon, naming, window_error
+from ground.analysis import diagnosis, formula_words, horizon, naming, window_error
 from ground.analysis.horizon import PoseError, as_document
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.verdict import Conclusion, conclude
@@ -14,6 +14,7 @@ from ground.discovery import beliefs, information, pieces
 from ground.discovery.beliefs import State
 from ground.discovery.information import Offer, Question
 from ground.discovery.story import Off
+from ground.effect_library import candidates
 from ground.recordings import suspicions, windows
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tupl
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, distributions, horizon, judge, window_error
-from ground.analysis.effects import Effect, EffectLike
+from ground.analysis import distributions, horizon, judge, window_error
 from ground.analysis.horizon import ModelsAt, PredictionError, as_document
 from ground.analysis.window_error import WindowFit
 from ground.data import bag_arguments
 from ground.data.measured import Measured, Recordings, held_out, measured
+from ground.effect_library import candidates
+from ground.effect_library.effects import Effect, EffectLike
 from ground.fitting.result import Change
 from ground.models import (
     Model,

@@ -14,16 +14,16 @@ import numpy as np
 from scipy import stats
 
 from ground import _core
-from ground.analysis import candidates
-from ground.analysis.formula_words import quantity, with_interval
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.window_error import free_parameters
 from ground.data.measured import Part, Recordings, measured
+from ground.effect_library import candidates
 from ground.fitting import result as fitting
 from ground.models import Model
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 from ground.support.progress import Work
+from ground.support.quantities import quantity, with_interval
 
 MOVING, STAGE = ("input_delay", "motor_lag"), "fitting mass and inertia to motion"
 LEVEL = 0.01  # probability of adding a delay that is not there

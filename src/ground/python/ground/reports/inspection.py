@@ -4,10 +4,10 @@ from typing import Dict, List, Mapping, NamedTuple, Optional
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench, residuals
-from ground.analysis.formula_words import quantity
 from ground.reports import appearance
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
+from ground.support.quantities import quantity
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 CHANNELS = {"ahead": "X", "starboard": "Y", "heading": "N"}  # of the wrench, by channel of the residuals

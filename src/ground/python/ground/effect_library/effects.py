@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Mapping, 
 import yaml
 
 from ground import _core
-from ground.analysis import candidates, traced
-from ground.analysis.candidates import Candidate
+from ground.effect_library import candidates, traced
+from ground.effect_library.candidates import Candidate
 from ground.support import files
 from ground.support.annotations import Document, Path
 from ground.support.bounded_yaml import LOADER
