@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, List
 # In catkin's devel space the compiled core is in another folder; a new process may find the sources first.
 __path__ = _extend_path(__path__, __name__)
 
+from ground.support import public as _public
+
 # Public names by their module. A module is loaded on first use: those that a fit needs take a second.
 _PUBLIC = {
     "effect_library.effects": "Effect EffectParameter Effects effects",
@@ -39,7 +41,7 @@ _PUBLIC = {
     "simulation.simulate": "simulate",
     "simulation.simulated_run": "SimulatedRun",
 }
-_HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
+_public.HOMES.update({n: "ground." + module for module, names in _PUBLIC.items() for n in names.split()})
 if TYPE_CHECKING:
     from ground.comparing.compare import compare
     from ground.comparing.predict import Prediction, predict
@@ -65,7 +67,7 @@ if TYPE_CHECKING:
     from ground.simulation.simulated_run import SimulatedRun
     from ground.support.errors import GroundError, GroundWarning, OptionError
 
-__all__ = [  # the names of _HOMES, repeated for type checkers
+__all__ = [  # the names of _PUBLIC, repeated for type checkers
     "Addition",
     "Comparison",
     "Diagnosis",
@@ -108,14 +110,9 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
 
 
 def __getattr__(name: str) -> Any:
-    import importlib
-
-    if name not in _HOMES:
-        raise AttributeError("module 'ground' has no attribute '%s'" % name)
-    value = getattr(importlib.import_module(_HOMES[name]), name)
-    globals()[name] = value
+    value = globals()[name] = _public.public(name)
     return value
 
 
 def __dir__() -> List[str]:
-    return sorted({*globals(), *_HOMES})
+    return sorted({*globals(), *__all__})

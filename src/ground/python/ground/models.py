@@ -12,6 +12,7 @@ from ground.effect_library.effects import Effect, EffectLike
 from ground.support import errors, files, origin
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError, core_errors
+from ground.support.public import public
 from ground.support.quantities import with_interval
 from ground.support.results import Shown
 
@@ -227,9 +228,8 @@ class Model(Shown):
 
     def predict(self, recording: "Union[Recording, Path]", horizon: float = 1.5) -> "Prediction":
         """What it predicts of a recording, sample by sample; see ground.predict."""
-        import ground
-
-        return ground.predict(self, recording, horizon)
+        made: Prediction = public("predict")(self, recording, horizon)
+        return made
 
     def format(self) -> str:
         """The text of its file."""

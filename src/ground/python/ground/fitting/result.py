@@ -18,12 +18,14 @@ from ground.reports import words
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
 from ground.support.headline import Line
+from ground.support.public import public
 from ground.support.results import Plotted, Shown, with_units
 
 if TYPE_CHECKING:
     import pandas
 
-    from ground import Prediction, Recording
+    from ground import Prediction
+    from ground.recordings.recording import Recording
 
 FAR = 100.0  # ratio to the start value of a parameter at its bound that is none of the craft
 
@@ -128,9 +130,8 @@ class Fit(Shown, Plotted):
         by how much fits without each run differ, its size by how far these are off the run that they were not
         fitted to. GroundError when the model was fitted to a single run.
         """
-        import ground
-
-        return ground.predict(self.model, recording, horizon, band, self.parts, **options)
+        made: Prediction = public("predict")(self.model, recording, horizon, band, self.parts, **options)
+        return made
 
     def conf_int(self, level: float = 0.95) -> "pandas.DataFrame":
         """Confidence intervals of the parameters, indexed by name: low, high, by Student's t of their

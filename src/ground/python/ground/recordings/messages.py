@@ -9,7 +9,6 @@ from typing import Any, Dict, Iterator, Mapping
 
 import numpy as np
 
-import ground
 from ground.support.annotations import Message
 
 # Topics of the bags that launch/record.launch records
@@ -51,7 +50,7 @@ def _store() -> Any:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     texts: Dict[str, str] = {}
-    for path in glob.glob(os.path.join(os.path.dirname(ground.__file__), "msg", "*.msg")):
+    for path in glob.glob(os.path.join(os.path.dirname(os.path.dirname(__file__)), "msg", "*.msg")):
         with open(path) as file:
             texts[os.path.splitext(os.path.basename(path))[0]] = file.read()
     if not texts:

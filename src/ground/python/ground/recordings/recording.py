@@ -31,6 +31,7 @@ from ground.recordings.run_settings import LiveChange, RunFile, Settings
 from ground.support.annotations import Array, ArrayLike, Path
 from ground.support.errors import GroundError
 from ground.support.origin import digest
+from ground.support.public import public
 from ground.support.results import Plotted, with_units
 
 if TYPE_CHECKING:
@@ -277,9 +278,7 @@ class Recording(Plotted):
         rows = np.column_stack([times - times[0], motion, commands])
         frame = pandas.DataFrame(rows, columns=taken + channels)
         if model is not None:
-            import ground
-
-            made = ground.predict(model, self, horizon)
+            made = public("predict")(model, self, horizon)
             at = np.searchsorted(times, made.times + made.zero - SAME_INSTANT)
             for i, name in enumerate((*POSE, *VELOCITY)):
                 for end, values in ((PREDICTED, made.predicted), (RESIDUAL, made.residuals)):
