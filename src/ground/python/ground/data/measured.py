@@ -21,7 +21,9 @@ from ground.support.progress import Work
 from ground.support.results import distinct_labels
 from ground.support.workers import Workers
 
-Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
+_Given = Union[Recording, Path]
+#: One or several; `ground.read` gives a tuple of those in a bag, and several such tuples are taken as well.
+Recordings = Union[_Given, Iterable[Union[_Given, Sequence[_Given]]]]
 NO_RECORDING = "no recordings are given"
 
 
@@ -133,13 +135,19 @@ def _both(one: Recording, other: Recording) -> str:
 def taken(given: Recordings) -> List[Recording]:
     """The given recordings, and those in the given bags, with names of their own. GroundError when one is
     given twice."""
+    found = list(_flat(given))
+    return distinct(found) if len(found) > 1 else found
+
+
+def _flat(given: Any) -> Iterator[Recording]:
+    """The given recordings, and those in the given bags, in sequences of any depth."""
     if isinstance(given, Recording):
-        return [given]
-    if isinstance(given, (str, os.PathLike)):
-        return list(read(given))
-    if not isinstance(given, Iterable):
-        given = [given]
-    return distinct([r for one in given for r in ([one] if isinstance(one, Recording) else read(one))])
+        yield given
+    elif isinstance(given, Iterable) and not isinstance(given, (str, os.PathLike)):
+        for one in given:
+            yield from _flat(one)
+    else:
+        yield from read(given)
 
 
 def repaired(
