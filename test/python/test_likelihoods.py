@@ -21,7 +21,7 @@ from ground.analysis import (
 from ground.diagnosing import words
 from ground.effect_library import candidates
 from ground.recordings import repair, windows
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged, GroundError, core_error
 
 FREE = window_error.NOMINAL
 NOISE = np.array([3e-4, 3e-4, 5e-3])
@@ -177,7 +177,7 @@ def test_a_model_whose_motion_is_not_finite_is_refused_and_never_wins():
         lambda: like.intervals(odd),
         lambda: like.scores(odd, odd.model, FREE),
     ):
-        with pytest.raises(GroundError, match="not finite"):
+        with pytest.raises(Diverged, match="not finite"):
             use()
     assert np.isinf(window_error.calibrated_errors(runs, windows.cut(runs), like, odd)).all()
     at = horizon.Starts.of(runs, 1.0)
@@ -185,6 +185,20 @@ def test_a_model_whose_motion_is_not_finite_is_refused_and_never_wins():
     assert np.isinf(judged.poses).all() and np.concatenate(judged.likelihood).sum() == -np.inf
     better = judge.compared(folds.tested(runs, at, like, fit), judged, np.ones(2))
     assert better.verdict == "better" and judge.compared(judged, judged, np.ones(2)).verdict == "worse"
+
+
+def test_an_error_of_the_user_is_not_taken_for_a_motion_that_is_not_finite(monkeypatch):
+    runs, like, fit = fitted(sigma=0.004)
+
+    def refuse(*_):
+        raise GroundError("the runs have other channels")
+
+    monkeypatch.setattr(window_error, "window_errors", refuse)
+    with pytest.raises(GroundError, match="other channels"):
+        window_error.calibrated_errors(runs, windows.cut(runs), like, fit)
+    for text in ("the model's motion is not finite", "the information is not positive definite"):
+        assert isinstance(core_error(RuntimeError(text)), Diverged)
+    assert not isinstance(core_error(ValueError("there is no parameter 'q'")), Diverged)
 
 
 MEMORY = """{name: wake, states: {s: "(v - s)/tau"}, expression: {Y: "c*s"}, parameters: {

@@ -22,7 +22,7 @@ from ground.analysis.thinning import by_poses_alone
 from ground.analysis.window_error import squared_errors
 from ground.recordings import scatter
 from ground.support.annotations import Array, Each, Flags, Random
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 ALIKE = 0.9  # least correlation of commands that count as the same: edges are some milliseconds apart
 FINEST = 10.0  # periods of the highest frequency in a horizon: faster pushes hardly move a craft in it
@@ -109,13 +109,13 @@ def agreement(
         try:
             artificial, pushes = zip(*(_pushed(run, fit, i, random) for i, run in enumerate(runs)))
             numbers, wrenches, _, of_poses = compared(artificial)
-        except GroundError:
+        except Diverged:
             return None
         known = [_at(*given, seconds / FINEST) for given in zip(runs, pushes, of_poses.runs)]
         return numbers, _alike(wrenches, known) ** 2
 
     noise = np.nan
-    with contextlib.suppress(GroundError):
+    with contextlib.suppress(Diverged):
         quiet = [window_error.recorded(run, fit.model, np.random.default_rng(0)) for run in runs]
         noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
     real, _, power, _ = compared(runs)

@@ -22,7 +22,7 @@ from ground.analysis.likelihood import CAP, Fit, call
 from ground.recordings import headings, repair, windows
 from ground.recordings.recording import POSE, VELOCITY
 from ground.support.annotations import Array, Document, Each, Flags
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 _Task = Tuple[int, Fit, Sequence[_core.Window], Sequence[float]]
 PART = 0.9  # probability that a band holds the measurement
@@ -134,7 +134,7 @@ def _predict(
             velocity_noise=_smoothed_noise(run),
             cap=CAP,
         )
-    except GroundError:
+    except Diverged:
         return []
     predictions = []
     for one in found:

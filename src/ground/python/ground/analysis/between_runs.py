@@ -18,7 +18,7 @@ from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import moved, solve, stepped
 from ground.analysis.search import LEVEL
 from ground.support.annotations import Array, Document
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 WEAK = 1e-6  # information that keeps what a run does not tell at the common value, over that of all runs
 TOLD = 0.01  # largest variance of a parameter that a run tells, over that by the weak information alone
@@ -33,7 +33,7 @@ def widened(likelihood: Likelihood, fit: Fit, parameters: Sequence[Document]) ->
     fits = [replace(fit, loudness=fit.loudness[i : i + 1]) for i in range(len(alone))]
     try:
         scores = [on.scores(one, one.model, one.free) for on, one in zip(alone, fits)]
-    except GroundError:  # the motion of a run is not finite there
+    except Diverged:  # the motion of a run is not finite there
         return list(parameters)
     weak = WEAK * np.diag(np.maximum(sum(np.diag(of_run["information"]) for of_run in scores), 1e-300))
     own = [_newton(*of_run, weak) for of_run in zip(alone, fits, scores)]
@@ -71,7 +71,7 @@ def _newton(alone: Likelihood, fit: Fit, scores: Dict[str, Array], weak: Array) 
         model = stepped(fit.model, dict(zip(fit.free, (scale * at).tolist())))
         try:
             scores = alone.scores(fit, model, fit.free)
-        except GroundError:  # the motion is not finite there
+        except Diverged:  # the motion is not finite there
             return found
 
 

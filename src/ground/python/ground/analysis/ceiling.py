@@ -24,7 +24,7 @@ from ground.analysis.screening import Screen, refined
 from ground.analysis.window_error import squared_errors
 from ground.recordings import scatter
 from ground.support.annotations import Array
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 ROUNDS = 4
 PROMISING = 200  # single features of the second and later rounds
@@ -165,7 +165,7 @@ def _errors_or(others: Array, errors: Callable[[], Array]) -> Array:
     """Errors of windows; others where the motion is not finite."""
     try:
         return errors()
-    except GroundError:
+    except Diverged:
         return others
 
 
@@ -205,7 +205,7 @@ def _searched(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, Optional[Fo
             if not rise >= ENOUGH:
                 break
             regression = wider.again(Innovations(current, refitted), wider.promising(PROMISING, terms))
-        except GroundError:  # the motion is not finite
+        except Diverged:  # the motion is not finite
             break
         near = refitted
     return first, best

@@ -31,7 +31,7 @@ from ground.analysis.search import LEVEL, LookAlike, Search
 from ground.analysis.simulation_search import SimulationSearch
 from ground.effect_library.candidates import Candidate
 from ground.support.annotations import Array
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 from ground.support.progress import Work
 from ground.support.workers import Workers
 
@@ -120,7 +120,7 @@ class Diagnosis:
         self.search.nominal(near)
         self.nominal = self.judge(frozenset())
         if not np.isfinite(self.nominal.heldout).all():
-            raise GroundError("the motion of the given model, fitted to a part of the runs, is not finite")
+            raise Diverged("the motion of the given model, fitted to a part of the runs, is not finite")
 
     @property
     def is_excerpt(self) -> bool:
@@ -326,7 +326,7 @@ class Diagnosis:
             free = tuple(p for p in fit.free if p.split(".")[0] != name)
             try:
                 without = self.likelihood.fit(model, free, near=fit)
-            except GroundError:  # the motion is not finite without it
+            except Diverged:  # the motion is not finite without it
                 continue
             if 2 * (fit.log_posterior - without.log_posterior) < self.search.threshold(name):
                 rest = self._leave_out(rest, name, "it imitates what has no name (%s)" % named.means)
@@ -383,7 +383,7 @@ class Diagnosis:
                     confirmed = helps(search.fit(whole), search.fit(rest))
                     without = self._beside(search.fit(rest))
                     steps.append(Step(name, judged, (name,), without, chance, confirmed))
-            except GroundError:  # a motion is not finite
+            except Diverged:  # a motion is not finite
                 return False
         if not added:
             return False

@@ -13,7 +13,7 @@ from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.thinning import at_samples
 from ground.recordings import windows
 from ground.support.annotations import Array, Document, Each
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 MOST_SAMPLES = 6000  # poses, thinned, in an excerpt of runs
 
@@ -88,7 +88,7 @@ class Folds:
 
         try:
             return refitted(())
-        except GroundError:
+        except Diverged:
             return refitted(own)
 
     def judge(self, fit: Fit) -> Judged:
@@ -97,7 +97,7 @@ class Folds:
         tested, refitted = self.test(fit)
         try:
             error = window_error.channel_errors(self.runs, self.cut, fit.model)
-        except GroundError:
+        except Diverged:
             never = np.full(3, np.inf)
             return Judged(fit.model, fit.parameters, never, never, self._never(), fit, refitted)
         heldout = np.zeros((len(self.cut), 3))
@@ -115,7 +115,7 @@ class Folds:
             try:
                 refitted = self.models(fit)
                 self._tests[fit] = self._tested(refitted), refitted
-            except GroundError:
+            except Diverged:
                 self._tests[fit] = self._never(), [fit] * self.count
         return self._tests[fit]
 
@@ -157,7 +157,7 @@ def _blocks_of(likelihood: Likelihood, fit: Fit) -> List[Array]:
     try:
         own = likelihood.fit(fit.model, [], near=replace(fit, loudness=()))
         return likelihood.blocks(own, own.loudness)
-    except GroundError:
+    except Diverged:
         return [np.array([-np.inf])] * len(likelihood.runs)
 
 

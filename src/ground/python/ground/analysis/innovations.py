@@ -10,7 +10,7 @@ import numpy as np
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.recordings import scatter, windows
 from ground.support.annotations import Array, Indices
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 STEP = 1e-3  # relative step of a parameter, and delay of all commands [time scales], for finite differences
 
@@ -98,7 +98,7 @@ class Innovations:
         changed.append((Likelihood([run.replaced(inputs=late)], self.likelihood.craft), alone, 0))
         columns = np.zeros((len(innovations), len(changed)))
         for k, other in enumerate(changed):
-            with contextlib.suppress(GroundError):
+            with contextlib.suppress(Diverged):
                 columns[:, k] = innovations - self._innovations(*other)
         return columns
 

@@ -20,7 +20,7 @@ from ground.analysis.regression import LEVEL, Regression, Term
 from ground.analysis.samples import Memory
 from ground.effect_library import candidates
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 NAME = "proposed"  # of the effect
 MIN_RATIO = 12.0  # least log-likelihood ratio 2 ln(with / without) of a feature
@@ -158,7 +158,7 @@ def _fitted(likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit
         for n, value in values.items():
             start.set_value(full[n], value)
         fitted = likelihood.fit(start, (*fit.free, *full.values()), near=near)
-    except GroundError:
+    except Diverged:
         return None
     ratio = 2 * (fitted.log_posterior - fit.log_posterior)
     if not (np.isfinite(ratio) and ratio >= MIN_RATIO):

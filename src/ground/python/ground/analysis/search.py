@@ -19,7 +19,7 @@ from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.window_error import FEW_WINDOWS, WindowFitter, free_parameters
 from ground.effect_library.candidates import Candidate, parameters_of, turned
 from ground.support.annotations import Each
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 from ground.support.progress import Work
 
 LEVEL = 0.01  # probability of a false finding
@@ -254,7 +254,7 @@ class Search:
         for part in (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1):
             try:
                 found = self.likelihood.fit(stepped(neutral, steps, part), fit.free, fit, levels=False)
-            except GroundError:
+            except Diverged:
                 continue
             if found.log_posterior > fit.log_posterior - MAX_LOSS:
                 values = np.array([[model.value(n) for n in fit.free] for model in (fit.model, found.model)])
@@ -304,7 +304,7 @@ class Search:
         """The fit from a start, as a list; an empty one where it cannot be simulated."""
         try:
             return [self.likelihood.fit(start, free_parameters(start), near, least_gain=least_gain)]
-        except GroundError:
+        except Diverged:
             return []
 
     def _has_far_starts(self, name: str, base: Fit) -> bool:
@@ -327,5 +327,5 @@ class Search:
         try:
             model: _core.Model = fitter.whole(first, free_parameters(first), also)["model"]
             return model
-        except GroundError:  # it cannot be simulated from any start
+        except Diverged:  # it cannot be simulated from any start
             return first

@@ -17,7 +17,7 @@ from ground.analysis.horizon import PoseError, PredictionError
 from ground.analysis.likelihood import KINDS, Fit, Likelihood
 from ground.recordings import windows
 from ground.support.annotations import Array, Document
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 # Largest share of the error that a smooth function of one kind may have beside `complete`
@@ -87,7 +87,7 @@ class HeldOut:
             return window_error.mean(self.cut, each)
         try:
             return window_error.channel_errors(self.runs, self.cut, model)
-        except GroundError:  # the motion is not finite
+        except Diverged:  # the motion is not finite
             return np.full(3, np.inf)
 
     def tested(self, model: _core.Model, fit: Optional[Fit] = None) -> judge.Tested:
@@ -194,11 +194,11 @@ def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
     those of the parts that the search used: their uncertainty hardly widens intervals then."""
     if found.is_excerpt:
         whole = Likelihood(found.all_runs, found.given, found.likelihood.varying, found.threads)
-        with contextlib.suppress(GroundError):  # the motion in another part is not finite
+        with contextlib.suppress(Diverged):  # the motion in another part is not finite
             fit = whole.fit(found.model, found.fit.free, near=found.fit, levels=False)
             return fit.model, between_runs.widened(whole, fit, fit.parameters)
     parameters = found.fit.parameters
-    with contextlib.suppress(GroundError):  # levels cannot be moved without a motion that is not finite
+    with contextlib.suppress(Diverged):  # levels cannot be moved without a motion that is not finite
         parameters = found.likelihood.intervals(found.fit)
     return found.model, between_runs.widened(found.likelihood, found.fit, parameters)
 
@@ -211,7 +211,7 @@ def _by_simulation(
     folds of a Diagnosis."""
     refits = []
     for part in (1.0, 1 / 3):
-        with contextlib.suppress(GroundError):  # the simulation diverges
+        with contextlib.suppress(Diverged):  # the simulation diverges
             length = part * windows.length(found.runs)
             fitter = window_error.WindowFitter(found.runs, found.threads, length=length)
             fitted = fitter.fit(model, free, also)
@@ -299,7 +299,7 @@ def _name(
             break
         try:
             named = found.folds.judge(made.fit)
-        except GroundError:  # its motion is not finite
+        except Diverged:  # its motion is not finite
             break
         if best and not found.compared(named.tested, best.tested).is_better:
             break

@@ -9,7 +9,7 @@ from ground import _core
 from ground.effect_library import candidates
 from ground.recordings import repair, windows
 from ground.support.annotations import Array, Document, Indices, Random
-from ground.support.errors import GroundError, core_errors, warn
+from ground.support.errors import Diverged, GroundError, core_errors, warn
 from ground.support.progress import Work
 
 if TYPE_CHECKING:
@@ -123,11 +123,11 @@ class WindowFitter:
 
     def whole(self, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()) -> Document:
         """The core's result of the best fit to all windows. See fit."""
-        found, failure = [], GroundError("there is no model to start from")
+        found, failure = [], Diverged("there is no model to start from")
         for start in [s for given in (model, *also) for s in candidates.turned(given, free)]:
             try:
                 found.append(self._fit(self.fitted, start, free, **self.options))
-            except GroundError as error:
+            except Diverged as error:
                 failure = error
         if not found:
             raise failure
@@ -210,7 +210,7 @@ def calibrated_errors(
             return window_errors(runs, chosen, fit.model)
         models = calibrated_models(runs, chosen, likelihood, fit)
         return np.array([window_errors(runs, [window], m)[0] for window, m in zip(chosen, models)])
-    except GroundError:
+    except Diverged:
         return np.full((len(chosen), 3), np.inf)
 
 
@@ -307,7 +307,7 @@ def noise_floor(runs: Sequence[_core.RunData], model: _core.Model, seed: int = 1
     try:
         artificial = [recorded(run, model, random) for run in runs]
         return channel_errors(artificial, windows.cut(runs), model, truth=runs)
-    except GroundError as error:
+    except Diverged as error:
         warn("what the noise of the poses alone would leave is not known: %s" % error)
         return np.full(3, np.nan)
 
@@ -337,7 +337,7 @@ def recorded(
                 run.battery,
             )  # fmt: skip
         except RuntimeError:
-            raise GroundError("the model's motion along %s is not finite" % run.name)
+            raise Diverged("the model's motion along %s is not finite" % run.name)
         poses[at] = found["eta"] + np.array(run.noise) * random.normal(size=(len(at), 3))
     smoothed = repair.again(run, poses)
     alone = run.replaced(wrench=np.empty((0, 3)), inertial=_core.InertialData())

@@ -13,7 +13,7 @@ from ground.analysis.thinning import thinned
 from ground.simulation import experiments
 from ground.simulation.designs import Design, designs
 from ground.support.annotations import Array, Document, Each
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged, GroundError
 from ground.support.progress import Work
 
 IN_ROOM = 16.0  # duration in a room, where returns take about half of it [s]
@@ -119,7 +119,7 @@ def _disagreement(
         for i, true in enumerate(rivals):
             costs = _costs(rivals, [*runs, _run(true.model, schedule, noise)], bool(runs)) - known
             apart.append(np.delete(costs, i).min() - costs[i])
-    except GroundError:
+    except Diverged:
         return 0.0
     return float(np.sqrt(2 * max(0.0, min(apart))))
 

@@ -20,7 +20,7 @@ from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
 from ground.reports.words import prediction
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 from ground.support.progress import Work
 
 # Expected before the first flight: noise of the poses and random wrench
@@ -192,7 +192,7 @@ class Analyst:
                 try:
                     motion = pieces.motion(piece, basis.model, self.room, 0.0, NOISE)
                     found.append(self._offer(piece, motion, basis, levels, varying))
-                except GroundError:
+                except Diverged:
                     continue  # by this model its motion is not finite
         return found
 
@@ -259,7 +259,7 @@ def error(run: _core.RunData, model: _core.Model) -> Optional[float]:
     """Mean |e|/s of a model over the windows of a run; None where its motion is not finite."""
     try:
         found = float(window_error.channel_errors([run], windows.cut([run]), model).sum())
-    except GroundError:
+    except Diverged:
         return None
     return found if np.isfinite(found) else None
 
@@ -269,7 +269,7 @@ def off(run: _core.RunData, model: _core.Model, seconds: float) -> Optional[Off]
     chosen = horizon.starts([run], seconds, window_error.FEW_WINDOWS)
     try:
         error = PoseError.of(horizon.pose_errors([run], [model] * len(chosen), chosen, seconds))
-    except GroundError:
+    except Diverged:
         return None
     return error.position_mm, error.heading_deg
 

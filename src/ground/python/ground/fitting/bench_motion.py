@@ -21,7 +21,7 @@ from ground.effect_library import candidates
 from ground.fitting import result as fitting
 from ground.models import Model
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 from ground.support.progress import Work
 from ground.support.quantities import quantity, with_interval
 
@@ -139,7 +139,7 @@ def motion(
         for name, start in starts:
             try:
                 found = likelihood.fit(start, _free(start), plain)
-            except GroundError:  # it cannot be simulated
+            except Diverged:  # it cannot be simulated
                 found = plain
             work.step()
             needed = plain.log_posterior + stats.chi2.isf(LEVEL / len(MOVING), 1) / 2

@@ -79,7 +79,6 @@ def error(
     Initial velocities are the best for the model. Raises GroundError when the
     model cannot be simulated.
     """
-    try:
-        return float(problem(runs, windows or cut(runs)).simulate(model)["objective"])
-    except RuntimeError as failure:
-        raise GroundError(str(failure))
+    chosen = problem(runs, windows or cut(runs))
+    with core_errors():
+        return float(chosen.simulate(model)["objective"])

@@ -11,7 +11,7 @@ from ground.recordings.tracks import Track
 from ground.simulation import gains
 from ground.simulation.laws import CheckedLaw
 from ground.support.annotations import Array, Document
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, core_error
 from ground.support.progress import Work
 from ground.support.workers import Workers
 
@@ -146,7 +146,7 @@ def run(
             truth, believed, params, pose, velocity, mocap, seed, battery=conditions.battery
         )
     except RuntimeError as error:
-        raise GroundError(str(error))
+        raise core_error(error)
     finally:
         if isinstance(controller, CheckedLaw) and controller.failure:
             raise controller.failure
