@@ -90,7 +90,7 @@ def diagnosed(seed, model, threads=0):
     """What a case hides, and the effects that its diagnosis finds."""
     kind, jet = kind_of(seed)
     runs = runs_of(Plate(model, kind, jet), np.random.default_rng(seed))
-    found = diagnosis.Diagnosis(runs, model, candidates.library(model), threads=threads)
+    found = diagnosis.StepwiseDiagnosis(runs, model, candidates.library(model), threads=threads)
     found.grow()
     hidden = "%s_%s" % (kind, model.thrusters[jet]["name"])
     name = next(iter(found.names), "")

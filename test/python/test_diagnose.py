@@ -379,7 +379,7 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(tmp_path, dela
     runs = [quality.repaired(readers.read(str(bag))).data(_core.load_model(str(MODEL)))]
     model = _core.load_model(str(MODEL))
     tried = [c for c in candidates.library(model) if c.name in ("input_delay", "wind")]
-    found = diagnosis.Diagnosis(runs, model, tried)
+    found = diagnosis.StepwiseDiagnosis(runs, model, tried)
     found.grow()
     assert conclude(found).verdict == verdict, [(t.name, t.p_value) for t in found.tried]
     if delay == 0.001:

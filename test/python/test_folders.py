@@ -106,6 +106,15 @@ def test_an_import_from_the_package_is_one_of_the_module_that_has_the_name():
     assert "ground.results.plot" in set(imported(tree))
 
 
+def test_each_class_has_a_name_of_its_own():
+    homes = collections.defaultdict(list)
+    for name, tree in python_modules():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                homes[node.name].append(name)
+    assert {name: found for name, found in homes.items() if len(found) > 1} == {}
+
+
 def test_cpp_files_do_not_include_each_other():
     files = dict(cpp_includes())
     assert len(files) > 50

@@ -18,7 +18,7 @@ def diagnosed(kind, seed):
     case = hidden_cases.make(kind, seed)
     fitted, held = hidden_cases.record(case)
     model = hidden_cases.given_model(case)
-    found = diagnosis.Diagnosis(fitted, model, candidates.library(model))
+    found = diagnosis.StepwiseDiagnosis(fitted, model, candidates.library(model))
     found.grow()
     return case, found, conclude(found, held)
 

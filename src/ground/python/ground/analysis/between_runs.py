@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ground.analysis.distributions import chi_squared_above, student_limit
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.score_tests import moved, solve, stepped
 from ground.analysis.search import LEVEL
 from ground.support.annotations import Array, Document
@@ -24,8 +24,8 @@ WEAK = 1e-6  # information that keeps what a run does not tell at the common val
 TOLD = 0.01  # largest variance of a parameter that a run tells, over that by the weak information alone
 
 
-def widened(likelihood: Likelihood, fit: Fit, parameters: Sequence[Document]) -> List[Document]:
-    """Parameters of a Fit as Fit.parameters has them, with intervals that contain what its runs differ by.
+def widened(likelihood: Likelihood, fit: LikelihoodFit, parameters: Sequence[Document]) -> List[Document]:
+    """Parameters as LikelihoodFit.parameters has them, with intervals that contain what its runs differ by.
     Those in which they differ have `runs`, the least and the largest of the runs' own values."""
     if len(likelihood.runs) < 2:
         return list(parameters)
@@ -55,7 +55,9 @@ def _told(own: Sequence[Tuple[Array, Array]], j: int) -> Tuple[Array, Array]:
     return steps[good], variances[good]
 
 
-def _newton(alone: Likelihood, fit: Fit, scores: Dict[str, Array], weak: Array) -> List[Tuple[Array, Array]]:
+def _newton(
+    alone: Likelihood, fit: LikelihoodFit, scores: Dict[str, Array], weak: Array
+) -> List[Tuple[Array, Array]]:
     """Coordinates of a run's own values relative to those of a fit, and their variances, infinite where the
     run does not tell a parameter, after each of four Newton steps. alone: of the run; scores: at the common
     values; weak: information added to that of the run."""

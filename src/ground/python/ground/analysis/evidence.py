@@ -8,7 +8,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.distributions import chi_squared_above
-from ground.analysis.horizon import Change
+from ground.analysis.horizon import PredictionChange
 from ground.effect_library import candidates
 from ground.support.annotations import Document
 
@@ -30,7 +30,7 @@ class Dropped:
 
     trial: Trial
     why: str
-    change: Optional[Change] = None  # of predicted poses, where it is too small to matter
+    change: Optional[PredictionChange] = None  # of predicted poses, where it is too small to matter
 
 
 def trial(name: str, model: _core.Model, parameters: Sequence[Document], gain: float, samples: int) -> Trial:

@@ -57,7 +57,7 @@ def in_words(arguments: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True)
-class Piece:
+class FormulaTerm:
     """A part of a formula, by channel, and its parameters: value, unit, lower and upper bound."""
 
     number: int
@@ -65,7 +65,7 @@ class Piece:
     parameters: Dict[str, Tuple[float, str, float, float]]
     means: str
     states: Dict[str, str]
-    simpler: Tuple["Piece", ...]  # pieces with a factor less
+    simpler: Tuple["FormulaTerm", ...]  # pieces with a factor less
 
     @property
     def size(self) -> str:
@@ -73,12 +73,12 @@ class Piece:
         return "c%d" % self.number
 
 
-def of_pieces(pieces: Sequence[Piece], values: Mapping[str, float]) -> str:
+def of_pieces(pieces: Sequence[FormulaTerm], values: Mapping[str, float]) -> str:
     """Pieces of a formula in words, with their values."""
     return " and ".join(_told(piece, values) for piece in pieces)
 
 
-def _told(piece: Piece, values: Mapping[str, float]) -> str:
+def _told(piece: FormulaTerm, values: Mapping[str, float]) -> str:
     """A piece in words, with its values."""
     told = re.sub(r"<(\w+)>", lambda found: "%.3g" % values[found.group(1)], piece.means)
     told = told.replace("--", "+").replace("+-", "-")

@@ -240,7 +240,7 @@ def artificial_errors(
 
 
 @dataclass(frozen=True)
-class Change:
+class PredictionChange:
     """Distance between the poses that two models predict at a horizon, rms over starts."""
 
     seconds: float  # the horizon
@@ -254,15 +254,16 @@ def change(
     chosen: Sequence[_core.Window],
     seconds: float,
     models: Tuple[_core.Model, _core.Model],
-) -> Change:
-    """The Change between the predicted_poses of two models; infinite where a motion is not finite."""
+) -> PredictionChange:
+    """The PredictionChange between the predicted_poses of two models; infinite where a motion is not
+    finite."""
     try:
         a, b = (predicted_poses(runs, model, chosen, seconds) for model in models)
     except Diverged:
-        return Change(seconds, np.inf, np.inf, np.inf)
+        return PredictionChange(seconds, np.inf, np.inf, np.inf)
     position, heading = np.sqrt((apart(a, b) ** 2).mean(axis=0)).tolist()
     relative = np.array([position, heading]) / pose_noise(runs)
-    return Change(seconds, position, heading, float(relative.max()))
+    return PredictionChange(seconds, position, heading, float(relative.max()))
 
 
 def pose_noise(runs: Sequence[_core.RunData]) -> Array:

@@ -7,7 +7,7 @@ from typing import List, Sequence
 
 import numpy as np
 
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.recordings import scatter, windows
 from ground.support.annotations import Array, Indices
 from ground.support.errors import Diverged
@@ -16,13 +16,13 @@ STEP = 1e-3  # relative step of a parameter, and delay of all commands [time sca
 
 
 class Innovations:
-    """Innovations of a Fit on the runs of a Likelihood, one run after the other.
+    """Innovations of a LikelihoodFit on the runs of a Likelihood, one run after the other.
 
     Their derivatives by the free parameters, and by a delay of all commands, are projected out of them and
     of all responses. What a known wrench explains is to be explained again.
     """
 
-    def __init__(self, likelihood: Likelihood, fit: Fit) -> None:
+    def __init__(self, likelihood: Likelihood, fit: LikelihoodFit) -> None:
         self.likelihood, self.fit = likelihood, fit
         runs = range(len(likelihood.runs))
         self._scored = [np.array(likelihood.residuals(fit.point, i)["scored"], bool) for i in runs]
@@ -103,6 +103,6 @@ class Innovations:
         return columns
 
     @staticmethod
-    def _innovations(likelihood: Likelihood, fit: Fit, run: int) -> Array:
+    def _innovations(likelihood: Likelihood, fit: LikelihoodFit, run: int) -> Array:
         left = likelihood.residuals(fit.point, run)
         return np.asarray(np.array(left["whitened"])[np.array(left["scored"])].reshape(-1))

@@ -5,7 +5,7 @@ from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis.likelihood import Fit, Likelihood, is_reciprocal
+from ground.analysis.likelihood import Likelihood, LikelihoodFit, is_reciprocal
 from ground.effect_library import candidates as effects
 from ground.support.annotations import Array, Document
 
@@ -21,7 +21,9 @@ class ScoreTests:
     log-likelihood ratio is then s' A^-1 s, at the step A^-1 s.
     """
 
-    def __init__(self, likelihood: Likelihood, fit: Fit, candidates: Sequence[effects.Candidate]) -> None:
+    def __init__(
+        self, likelihood: Likelihood, fit: LikelihoodFit, candidates: Sequence[effects.Candidate]
+    ) -> None:
         extended = fit.model
         for candidate in candidates:
             extended = candidate.neutral(extended)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.distributions import mean_not_above_zero
-from ground.analysis.judge import Comparison
+from ground.analysis.judge import PairedComparison
 from ground.analysis.search import LEVEL, REFITTED
 from ground.analysis.window_error import WindowFit, WindowFitter, channel_errors, free_parameters
 from ground.effect_library.candidates import Candidate
@@ -33,7 +33,7 @@ class SimulationSearch:
         fitter: WindowFitter,
         given: _core.Model,
         tried: Sequence[Candidate],
-        compared: Callable[[WindowFit, WindowFit], Comparison],
+        compared: Callable[[WindowFit, WindowFit], PairedComparison],
         matters: Callable[[_core.Model, _core.Model], bool],
         each: Each = map,
         work: Optional[Work] = None,

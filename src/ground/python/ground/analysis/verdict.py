@@ -11,10 +11,10 @@ from ground import _core
 from ground.analysis import bands, between_runs, ceiling, folds, horizon, judge, naming, window_error
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
-from ground.analysis.diagnosis import EXPLAINED, Diagnosis
+from ground.analysis.diagnosis import EXPLAINED, StepwiseDiagnosis
 from ground.analysis.folds import Judged
 from ground.analysis.horizon import PoseError, PredictionError
-from ground.analysis.likelihood import KINDS, Fit, Likelihood
+from ground.analysis.likelihood import KINDS, Likelihood, LikelihoodFit
 from ground.recordings import windows
 from ground.support.annotations import Array, Document
 from ground.support.errors import Diverged
@@ -37,7 +37,7 @@ class Conclusion:
     cross_validated: float  # error of the improved model on parts of the runs fitted to
     # by effect: the model with it compared with the model without it on runs that the user held out; None
     # without any
-    holdout: Mapping[str, Optional[judge.Comparison]]
+    holdout: Mapping[str, Optional[judge.PairedComparison]]
     heldout_floor: float  # noise floor of the runs on which steps are measured
     varies: List[Document]  # what differs between runs
     ceiling: Ceiling
@@ -47,7 +47,7 @@ class Conclusion:
     # how far predicted poses are off on held-out data, of the models given, refitted, improved and formula;
     # None where runs are too short
     prediction: Optional[PredictionError]
-    diagnosis: Diagnosis  # its basis; where it is by simulation error, its effects and parameters are
+    diagnosis: StepwiseDiagnosis  # its basis; where it is by simulation error, its effects and parameters are
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
     @property
@@ -71,15 +71,15 @@ class Conclusion:
         return bands.of_folds(found.folds, found.fit, found.best.others)
 
 
-class HeldOut:
-    """Runs (_core.RunData) that the user held out of a Diagnosis."""
+class HeldOutRuns:
+    """Runs (_core.RunData) that the user held out of a StepwiseDiagnosis."""
 
-    def __init__(self, found: Diagnosis, runs: Sequence[_core.RunData]) -> None:
+    def __init__(self, found: StepwiseDiagnosis, runs: Sequence[_core.RunData]) -> None:
         self.runs, self.cut = runs, windows.cut(runs)
         self.starts = horizon.Starts.of(runs, found.prediction_time)
         self.likelihood = Likelihood(runs, found.given, found.likelihood.varying)
 
-    def error(self, model: _core.Model, fit: Optional[Fit] = None) -> Array:
+    def error(self, model: _core.Model, fit: Optional[LikelihoodFit] = None) -> Array:
         """Error (3,) of a model. fit: by likelihood, whose differences between runs are then estimated from
         the poses before each window."""
         if fit:
@@ -90,7 +90,7 @@ class HeldOut:
         except Diverged:  # the motion is not finite
             return np.full(3, np.inf)
 
-    def tested(self, model: _core.Model, fit: Optional[Fit] = None) -> judge.Tested:
+    def tested(self, model: _core.Model, fit: Optional[LikelihoodFit] = None) -> judge.Tested:
         """What a model predicts; fit: see error."""
         if fit:
             return folds.tested(self.runs, self.starts, self.likelihood, fit)
@@ -98,7 +98,9 @@ class HeldOut:
         return judge.Tested(errors, self.starts.of_run)
 
 
-def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: bool = False) -> Conclusion:
+def conclude(
+    found: StepwiseDiagnosis, heldout: Sequence[_core.RunData] = (), misread: bool = False
+) -> Conclusion:
     """Draws the Conclusion of a Diagnosis. misread: no effect was looked for, because the recordings
     look misread.
 
@@ -113,7 +115,7 @@ def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: b
 
 
 def _conclude(
-    found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool, refits: Sequence[Judged]
+    found: StepwiseDiagnosis, heldout: Sequence[_core.RunData], misread: bool, refits: Sequence[Judged]
 ) -> Conclusion:
     left = found.ceiling_of()
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.prediction_time, found.each)
@@ -153,7 +155,7 @@ def _conclude(
         model, parameters = _on_all(found)
         after = replace(after, model=model, parameters=parameters)
     crossed = float(after.heldout.sum())
-    by_user = HeldOut(found, heldout) if heldout else None
+    by_user = HeldOutRuns(found, heldout) if heldout else None
     if by_user:
         before = replace(before, heldout=by_user.error(before.model, before.fit))
         after = replace(after, heldout=by_user.error(after.model, after.fit))
@@ -177,7 +179,7 @@ def _conclude(
     )
 
 
-def _grown(found: Diagnosis) -> Judged:
+def _grown(found: StepwiseDiagnosis) -> Judged:
     """The grown model, as it was found; with effects, by simulation error where that matters and the judge
     proves that it predicts better."""
     best = found.best
@@ -189,7 +191,7 @@ def _grown(found: Diagnosis) -> Judged:
     return best
 
 
-def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
+def _on_all(found: StepwiseDiagnosis) -> Tuple[_core.Model, List[Document]]:
     """The grown model and its parameters, fitted to all of the runs by likelihood. Of long runs, levels are
     those of the parts that the search used: their uncertainty hardly widens intervals then."""
     if found.is_excerpt:
@@ -204,7 +206,7 @@ def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
 
 
 def _by_simulation(
-    found: Diagnosis, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()
+    found: StepwiseDiagnosis, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()
 ) -> List[Judged]:
     """A model refitted by simulation error over long and over short windows, on which a disturbance adds up
     to less, from its values and those of others, where it can be simulated. Errors are over the windows and
@@ -220,7 +222,11 @@ def _by_simulation(
 
 
 def _prediction(
-    found: Diagnosis, by_user: Optional[HeldOut], before: Judged, after: Judged, named: Optional[Judged]
+    found: StepwiseDiagnosis,
+    by_user: Optional[HeldOutRuns],
+    before: Judged,
+    after: Judged,
+    named: Optional[Judged],
 ) -> Optional[PredictionError]:
     """How far predicted poses are off, on the runs that the user held out or on the folds."""
     starts, runs = (by_user.starts, by_user.runs) if by_user else (found.starts, found.runs)
@@ -233,7 +239,7 @@ def _prediction(
     return horizon.with_floors(runs, starts, errors, found.model, found.fit.levels)
 
 
-def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
+def _steps(found: StepwiseDiagnosis, others: Optional[HeldOutRuns]) -> List[float]:
     """Error on runs held out of the model as it is by likelihood, and after each step."""
     if others is None:
         return [float(judged.heldout.sum()) for judged in (found.nominal, *(s.fit for s in found.steps))]
@@ -243,8 +249,8 @@ def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
 
 
 def _holdout(
-    found: Diagnosis, others: Optional[HeldOut], before: Judged, after: Judged
-) -> Dict[str, Optional[judge.Comparison]]:
+    found: StepwiseDiagnosis, others: Optional[HeldOutRuns], before: Judged, after: Judged
+) -> Dict[str, Optional[judge.PairedComparison]]:
     """How sure each effect of the grown model is by runs that the user held out, by name. They contradict all
     effects where the best refit without any predicts them better."""
     if not others or not found.steps:
@@ -258,7 +264,7 @@ def _holdout(
     return {name: found.compared(grown, rest) for name, rest in rests.items()}
 
 
-def _varies(found: Diagnosis) -> List[Document]:
+def _varies(found: StepwiseDiagnosis) -> List[Document]:
     """Differences between runs, as fitted with the grown model."""
     return [
         {
@@ -274,13 +280,13 @@ def _varies(found: Diagnosis) -> List[Document]:
     ]
 
 
-def _is_confirmed(found: Diagnosis, named: Judged) -> bool:
+def _is_confirmed(found: StepwiseDiagnosis, named: Judged) -> bool:
     """Whether parts of the runs that a model with a formula was not fitted to prove it."""
     return found.compared(named.tested, found.best.tested).is_better
 
 
 def _name(
-    found: Diagnosis, before: Judged, doubted: Optional[Ceiling] = None
+    found: StepwiseDiagnosis, before: Judged, doubted: Optional[Ceiling] = None
 ) -> Tuple[Optional[naming.Formula], Optional[Judged]]:
     """A formula for what is learnable, and the model with it; None unless it is proved. It is made longer,
     twice at most, while the judge proves it and the noise leaves less. before: the best refit without
@@ -316,7 +322,7 @@ def _name(
 
 
 def _verdict(
-    found: Diagnosis,
+    found: StepwiseDiagnosis,
     explained: bool,
     varies: Sequence[Document],
     left: Ceiling,

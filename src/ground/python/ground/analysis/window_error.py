@@ -13,7 +13,7 @@ from ground.support.errors import Diverged, GroundError, core_errors, warn
 from ground.support.progress import Work
 
 if TYPE_CHECKING:
-    from ground.analysis.likelihood import Fit, Likelihood
+    from ground.analysis.likelihood import Likelihood, LikelihoodFit
 
 PARTS = 4  # most parts of runs that are held out one after the other; quarters of a single run
 MAX_WINDOWS = 160  # four minutes, far more than it takes to distinguish the effects that matter
@@ -40,7 +40,7 @@ class WindowFit:
 
     @property
     def parameters(self) -> List[Document]:
-        """The fitted parameters: dictionaries as a likelihood's Fit has them."""
+        """The fitted parameters: dictionaries as a LikelihoodFit has them."""
         parameters: List[Document] = self.result["parameters"]
         return parameters
 
@@ -202,9 +202,10 @@ def calibrated_errors(
     runs: Sequence[_core.RunData],
     chosen: Sequence[_core.Window],
     likelihood: "Likelihood",
-    fit: "Fit",
+    fit: "LikelihoodFit",
 ) -> Array:
-    """window_errors of a Fit, as in use: see calibrated_models. Infinite where a motion is not finite."""
+    """window_errors of a LikelihoodFit, as in use: see calibrated_models. Infinite where a motion is not
+    finite."""
     try:
         if not likelihood.varying:
             return window_errors(runs, chosen, fit.model)
@@ -218,10 +219,10 @@ def calibrated_models(
     runs: Sequence[_core.RunData],
     chosen: Sequence[_core.Window],
     likelihood: "Likelihood",
-    fit: "Fit",
+    fit: "LikelihoodFit",
 ) -> List[_core.Model]:
-    """The model of a Fit for each window, with the differences between runs (wrench and thrust) that are
-    estimated from the run's poses before it. likelihood: a Likelihood of the runs."""
+    """The model of a LikelihoodFit for each window, with the differences between runs (wrench and thrust)
+    that are estimated from the run's poses before it. likelihood: a Likelihood of the runs."""
     if not likelihood.varying:
         return [fit.model] * len(chosen)
     models, known = [], {}

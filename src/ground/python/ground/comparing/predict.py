@@ -7,7 +7,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import horizon as horizons
-from ground.analysis.predicted_band import Course, HeldOut, beyond, half_width
+from ground.analysis.predicted_band import Course, FitWithout, beyond, half_width
 from ground.analysis.window_error import FEW_WINDOWS
 from ground.data.measured import Part, Recordings, taken
 from ground.models import Model, ModelLike
@@ -141,7 +141,7 @@ def predict(
     recording: Recordings,
     horizon: float = 1.5,
     band: Optional[float] = None,
-    parts: Sequence[HeldOut] = (),
+    parts: Sequence[FitWithout] = (),
     *,
     options: Part,
 ) -> Prediction:

@@ -104,9 +104,9 @@ def diagnose(
     walls = room or (Room.of_recording(flown) if flown else None)
     noted = [one.describe() for one in seen.findings + held.findings]
 
-    def begun() -> diagnosis.Diagnosis:
+    def begun() -> diagnosis.StepwiseDiagnosis:
         """The model as it is, refitted."""
-        return diagnosis.Diagnosis(seen.data, given.core, tried, work=work, matters=matters)
+        return diagnosis.StepwiseDiagnosis(seen.data, given.core, tried, work=work, matters=matters)
 
     found = begun()
     misread = not options.as_recorded and any(one["misread"] for one in noted)

@@ -8,7 +8,7 @@ from typing import Any, List, Mapping, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis.likelihood import Fit, Likelihood, call
+from ground.analysis.likelihood import Likelihood, LikelihoodFit, call
 from ground.analysis.thinning import thinned
 from ground.simulation import experiments
 from ground.simulation.designs import Design, designs
@@ -41,7 +41,7 @@ def _schedule_in(design: Design, room: _core.RoomPlan, model: _core.Model) -> ex
 
 
 def propose(
-    rivals: Mapping[str, Fit],
+    rivals: Mapping[str, LikelihoodFit],
     runs: Sequence[_core.RunData],
     each: Each = map,
     room: Optional[_core.RoomPlan] = None,
@@ -105,7 +105,7 @@ def propose(
 
 
 def _disagreement(
-    rivals: Sequence[Fit],
+    rivals: Sequence[LikelihoodFit],
     schedule: experiments.Schedule,
     noise: Array,
     runs: Sequence[_core.RunData] = (),
@@ -136,7 +136,7 @@ def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _c
     return _core.RunData("new", times, found["eta"], found["nu"], inputs, found["eta"], noise)
 
 
-def _costs(rivals: Sequence[Fit], runs: Sequence[_core.RunData], refitted: bool) -> Array:
+def _costs(rivals: Sequence[LikelihoodFit], runs: Sequence[_core.RunData], refitted: bool) -> Array:
     """Negative log-likelihood of poses under each rival, as it is or refitted with its levels kept."""
     on, costs = Likelihood(runs, rivals[0].model), []
     for rival in rivals:

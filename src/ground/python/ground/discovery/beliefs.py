@@ -18,7 +18,7 @@ from typing import Collection, Dict, List, Mapping, NamedTuple
 
 import numpy as np
 
-from ground.analysis.diagnosis import Diagnosis
+from ground.analysis.diagnosis import StepwiseDiagnosis
 from ground.analysis.score_tests import solve
 from ground.discovery.information import DECIDED, Basis, Information, Question, Questions
 from ground.discovery.story import ABSENT, HIDDEN, OPEN, PRESENT, SLIGHT, Belief
@@ -64,8 +64,8 @@ class Group:
     ratio: float  # of the likelihoods with and without the found one, 2 ln
 
 
-def found_by(found: Diagnosis) -> Dict[str, Group]:
-    """The Groups of a Diagnosis, by the effects that it found."""
+def found_by(found: StepwiseDiagnosis) -> Dict[str, Group]:
+    """The Groups of a StepwiseDiagnosis, by the effects that it found."""
     search, groups = found.search, {}
     for step in found.steps:
         sets = {name: (found.names - {step.added}) | {name} for name in step.group}

@@ -25,7 +25,7 @@ REFUSED = "the controllers refuse the model %s: %s"
 
 
 @dataclass(frozen=True)
-class Settings:
+class CampaignSettings:
     """How a discovery goes on."""
 
     budget: float = 180.0  # longest time of flight: none begins that is expected to exceed it [s]
@@ -40,7 +40,7 @@ class Flights:
         self,
         model: _core.Model,
         laboratory: Laboratory,
-        settings: Settings,
+        settings: CampaignSettings,
         folder: str,
         told: Optional[Callable[[Story], None]],
     ) -> None:

@@ -27,23 +27,23 @@ ONLY = (
 )
 
 
-class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
+class TracedSymbol(np.lib.mixins.NDArrayOperatorsMixin):
     """A number that is known when the formula is evaluated."""
 
     def __init__(self, text: str) -> None:
         self.text = text
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> "Symbol":
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> "TracedSymbol":
         name = ufunc.__name__ if method == "__call__" else "%s.%s" % (ufunc.__name__, method)
         return _called(name, inputs, kwargs)
 
-    def __array_function__(self, function: Any, kinds: Any, given: Any, options: Any) -> "Symbol":
+    def __array_function__(self, function: Any, kinds: Any, given: Any, options: Any) -> "TracedSymbol":
         if function is np.interp and len(given) == 3 and not options:
             return _interpolated(*given)
         return _called(function.__name__, given, options)
 
-    def __abs__(self) -> "Symbol":
-        return Symbol("abs(%s)" % self.text)
+    def __abs__(self) -> "TracedSymbol":
+        return TracedSymbol("abs(%s)" % self.text)
 
     def __bool__(self) -> bool:
         raise GroundError("a force must not decide by if, and, or, min, max: numpy.where does, in a formula")
@@ -54,28 +54,28 @@ class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
     __index__ = __int__ = __len__ = __iter__ = __float__
 
 
-def _called(name: str, given: Sequence[Any], options: Mapping[str, Any]) -> Symbol:
+def _called(name: str, given: Sequence[Any], options: Mapping[str, Any]) -> TracedSymbol:
     """What a function of numpy makes of symbols and numbers."""
     form = FORMS.get(name, "")
     if options or not form or form.count("%s") != len(given):
         raise GroundError("numpy.%s is no formula: %s" % (name, ONLY))
-    return Symbol(form % tuple(map(formula, given)))
+    return TracedSymbol(form % tuple(map(formula, given)))
 
 
-def _interpolated(at: Any, points: Any, values: Any) -> Symbol:
+def _interpolated(at: Any, points: Any, values: Any) -> TracedSymbol:
     """numpy.interp: constant outside the points, so that slopes begin and end with 0."""
     x, y = np.asarray(points, float), np.asarray(values, float)
     if x.ndim != 1 or x.shape != y.shape or not len(x) or (np.diff(x) <= 0).any():
         raise GroundError("numpy.interp needs as many values as points, and points that ascend")
     kinks = np.diff(np.concatenate([[0.0], np.diff(y) / np.diff(x), [0.0]]))
     terms = ["%s*max(%s-%s,0)" % (formula(k), formula(at), formula(p)) for k, p in zip(kinks, x) if k]
-    return Symbol("(%s)" % "+".join([formula(y[0]), *terms]))
+    return TracedSymbol("(%s)" % "+".join([formula(y[0]), *terms]))
 
 
 def formula(value: Any) -> str:
     """The text of a formula: of a symbol, a number or a text."""
-    if isinstance(value, (Symbol, str)):
-        return value.text if isinstance(value, Symbol) else value
+    if isinstance(value, (TracedSymbol, str)):
+        return value.text if isinstance(value, TracedSymbol) else value
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -92,12 +92,12 @@ class Symbols:
     def __init__(self, what: str, names: Mapping[str, str], prefix: str = "") -> None:
         self._what, self._names, self._prefix = what, names, prefix
 
-    def __getattr__(self, name: str) -> Symbol:
+    def __getattr__(self, name: str) -> TracedSymbol:
         if name not in self._names and not (self._prefix and name.startswith(self._prefix)):
             known = [*self._names, *[self._prefix + "NAME of a thruster"] * bool(self._prefix)]
             hint = did_you_mean(name, self._names)
             raise GroundError("%s has no %s%s; it has %s" % (self._what, name, hint, ", ".join(known)))
-        return Symbol(self._names.get(name, name))
+        return TracedSymbol(self._names.get(name, name))
 
 
 def traced(
@@ -107,7 +107,7 @@ def traced(
     none."""
     own = {one: one for one in ("u", "v", "r", "x", "y", "psi", "t", *states)}
     inputs = Symbols("inputs", {"left": "u_L", "right": "u_R", "lift": "lift", "volt": "volt"}, prefix="u_")
-    given = {one: Symbol(one) for one in parameters}
+    given = {one: TracedSymbol(one) for one in parameters}
     try:
         inspect.signature(force).bind("state", "inputs", **given)
     except TypeError as error:

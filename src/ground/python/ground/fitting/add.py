@@ -211,7 +211,7 @@ def _result(
     after: WindowFit,
     errors: Dict[str, Change],
     prediction: Optional[PredictionError],
-    judged: judge.Comparison,
+    judged: judge.PairedComparison,
 ) -> Addition:
     parameters = parameters_by_name(after.parameters)
     model = fitted_model(
@@ -245,7 +245,7 @@ def _verdict(
     neutral: Dict[str, float],
     interval: Tuple[float, float],
     errors: Dict[str, Change],
-    judged: judge.Comparison,
+    judged: judge.PairedComparison,
 ) -> Verdict:
     """The Verdict on an effect; neutral: values of its parameters at which it does nothing; interval: of the
     ratio of errors on held-out data; judged: the model with it and without it."""

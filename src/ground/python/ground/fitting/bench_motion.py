@@ -32,7 +32,7 @@ UNSURE = 1.0  # relative half-width of an interval from which a number is not id
 
 
 @dataclass(frozen=True)
-class Motion:
+class MassByMotion:
     """What motion says with the bench's forces."""
 
     k: Tuple[float, float, float]  #: value and 95% interval, with the model's mass [N]
@@ -126,8 +126,8 @@ def over_windows(fit: fitting.Fit, bench: float, at: str) -> str:
 
 def motion(
     model: Model, bench: Tuple[float, float, float], recordings: Recordings, part: Part, work: Work
-) -> Motion:
-    """The Motion of recordings. model: with the bench's thrust; bench: its k and the 95% interval.
+) -> MassByMotion:
+    """The MassByMotion of recordings. model: with the bench's thrust; bench: its k and the 95% interval.
     GroundError where the recordings cannot be used."""
     seen = measured(recordings, model, part, work)
     likelihood = Likelihood(seen.data, model.core)
@@ -149,7 +149,7 @@ def motion(
     m, inertia = (_interval(described[name]) for name in ("m", "I_z"))
     given, own = model.core.value("m"), _relative(bench)
     time = next((p for name, p in described.items() if effect and name.split(".")[0] == effect), None)
-    return Motion(
+    return MassByMotion(
         (bench[0] * given / m[0], bench[0] * given / m[2], bench[0] * given / max(m[1], 1e-9 * m[0])),
         _times(m[0], _relative(m), own),
         _times(inertia[0], _relative(inertia), own),

@@ -12,7 +12,7 @@ from ground import _core
 from ground.analysis import comparison, horizon, window_error
 from ground.analysis.distributions import student_outside
 from ground.analysis.horizon import ModelsAt, PredictionError
-from ground.analysis.predicted_band import HeldOut
+from ground.analysis.predicted_band import FitWithout
 from ground.analysis.window_error import WindowFit, WindowFitter
 from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, Recordings, held_out, measured
@@ -154,10 +154,10 @@ def fit(
     tested, seconds = held.data or seen.data, horizon.horizon(seen.data, start)
     prediction = horizon.prediction_error(tested, seconds, models, found.model)
     parts = [
-        HeldOut(without["model"], seen.data[part :: fitter.most_parts])
+        FitWithout(without["model"], seen.data[part :: fitter.most_parts])
         for part, without in (found.others.items() if len(seen.data) > 1 else ())
     ]
-    parts += [HeldOut(shifted) for shifted in found.result["shifted"]]
+    parts += [FitWithout(shifted) for shifted in found.result["shifted"]]
     result = _result(given, seen, options.starts, found.result, errors, prediction, runs, known)
     return replace(result, parts=parts)
 

@@ -10,7 +10,7 @@ from ground import _core
 from ground.analysis.distributions import student_limit
 from ground.analysis.horizon import PredictionError, as_document
 from ground.analysis.likelihood import step
-from ground.analysis.predicted_band import HeldOut
+from ground.analysis.predicted_band import FitWithout
 from ground.analysis.score_tests import moved
 from ground.models import Model, Parameter, parameter_frame
 from ground.recordings import windows
@@ -115,7 +115,7 @@ class Fit(Shown, Plotted):
     freedom: float  #: degrees of freedom of Student's t of the intervals
     data: List[_core.RunData] = field(compare=False)  #: the parts of the runs fitted to
     #: fits without a part of several runs
-    parts: List[HeldOut] = field(default_factory=list, compare=False)
+    parts: List[FitWithout] = field(default_factory=list, compare=False)
 
     def predict(
         self,

@@ -9,7 +9,7 @@ import numpy as np
 
 from ground.analysis.distributions import normal_limit
 from ground.ledger import changes, estimates, hierarchy
-from ground.ledger.changes import Change, Series
+from ground.ledger.changes import ParameterChange, Series
 from ground.ledger.hierarchy import Levels, Runs
 from ground.models import Model
 from ground.support.annotations import Array, Document, Indices
@@ -43,7 +43,7 @@ class Analysed:
     levels: Levels  #: with changes taken out
     each: Array  #: (n, p) what each run tells about each parameter alone
     known: Array  #: (n, p) its information
-    changes: Dict[Tuple[int, int], List[Change]]  #: by craft and parameter
+    changes: Dict[Tuple[int, int], List[ParameterChange]]  #: by craft and parameter
     curves: Array  #: (n, p) mean with the changes; not a number where a run tells nothing
     odd: List[Odd]
 
@@ -102,7 +102,7 @@ def analyse(
 def _with_changes(made: Analysed) -> Tuple[Analysed, Array]:
     """The same with the changes of each parameter of each craft, and how far each run (n, p) was from the
     newest one by them."""
-    found: Dict[Tuple[int, int], List[Change]] = {}
+    found: Dict[Tuple[int, int], List[ParameterChange]] = {}
     curves, shifts = made.curves.copy(), np.zeros(made.curves.shape)
     for craft, i in itertools.product(range(len(made.crafts)), range(len(made.free))):
         at = made.of(craft, i)
@@ -117,7 +117,7 @@ def _with_changes(made: Analysed) -> Tuple[Analysed, Array]:
     return replace(made, changes=found, curves=curves), shifts
 
 
-def _changes(series: Series, level: float) -> List[Change]:
+def _changes(series: Series, level: float) -> List[ParameterChange]:
     """The changes of a series, from the cache where they are known."""
     parts = [array.tobytes() for array in (series.values, series.variance, series.day)]
     key = digest([*parts, b"%g %d" % (level, estimates.KEPT)])
@@ -126,7 +126,7 @@ def _changes(series: Series, level: float) -> List[Change]:
     if found is None:
         found = {"content": key, "changes": [asdict(one) for one in changes.find(series, level)]}
         estimates.keep(path, found)
-    return [Change(**one) for one in found["changes"]]
+    return [ParameterChange(**one) for one in found["changes"]]
 
 
 def _odd(levels: Levels, tolerance: float) -> List[Odd]:

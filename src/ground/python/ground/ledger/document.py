@@ -8,7 +8,7 @@ from ground import _core
 from ground.analysis.distributions import normal_limit
 from ground.ledger import changes
 from ground.ledger.analysed import CHANCE, Analysed, Odd
-from ground.ledger.changes import Change
+from ground.ledger.changes import ParameterChange
 from ground.support.annotations import Document
 
 SCHEMA = "ground/history/1"
@@ -105,7 +105,7 @@ def _changes(found: Analysed, runs: Sequence[Document]) -> Iterator[Document]:
         yield {"craft": found.crafts[craft], "type": found.model.name, **_change(found, runs, craft, i, one)}
 
 
-def _change(found: Analysed, runs: Sequence[Document], craft: int, i: int, one: Change) -> Document:
+def _change(found: Analysed, runs: Sequence[Document], craft: int, i: int, one: ParameterChange) -> Document:
     at = found.of(craft, i)
     curve, is_jump = found.curves[at, i], one.kind == changes.JUMP
     first, last = (at[one.at - 1], at[one.at]) if is_jump else (at[0], at[-1])

@@ -31,7 +31,7 @@ KEPT = 5  # version of what the cache has
 
 
 @dataclass(frozen=True)
-class Task:
+class EstimateTask:
     """A run to look at, in another process. model: text of the model file; empty: what is recorded with the
     run is wanted, but no estimate."""
 
@@ -69,7 +69,7 @@ def followed(model: Model, wanted: Optional[Sequence[str]] = None) -> Tuple[Mode
     return model, tuple(name for name in known if not wanted or name in wanted)
 
 
-def looked_at(task: Task) -> Document:
+def looked_at(task: EstimateTask) -> Document:
     """What a run recorded, and its estimate if it is wanted, from the cache where they are known. A run that
     cannot be used has the reason under `failed`."""
     try:
@@ -104,7 +104,7 @@ def keep(path: str, found: Document) -> None:
         pass
 
 
-def _computed(task: Task) -> Document:
+def _computed(task: EstimateTask) -> Document:
     """GroundErrors of the run itself become `failed`, which the cache keeps, too."""
     try:
         recording = readers.read(task.path, task.mapping)

@@ -16,7 +16,7 @@ LONGEST = 20.0  # usual time between rows up to which times may be days [s]
 
 
 @dataclass(frozen=True)
-class Found:
+class TableClock:
     """The clock of a table."""
 
     key: str  #: `time` of a mapping, with a comment
@@ -26,7 +26,7 @@ class Found:
 
 def find(
     columns: Columns, values: Mapping[str, Array], units: Mapping[str, str], topic: str, shared: Set[str]
-) -> Found:
+) -> TableClock:
     """The clock of a table. values: its numbers, by column; units: that the file says; shared: columns that
     all tables of a folder have, whose clock is one."""
     clocks = sorted(_clocks(columns, values, units), key=lambda one: one[0].field not in shared)
@@ -51,14 +51,14 @@ def find(
         keys = [("field", clock.field), ("date", clock.date), ("nanoseconds", clock.nanoseconds)]
         named = ", ".join("%s: %s" % (key, quoted(value)) for key, value in keys if value)
         key = "{%s%s}%s" % (named, unit, comment)
-        return Found(key, fields, np.where(known, containers.seconds(stamps), np.nan))
+        return TableClock(key, fields, np.where(known, containers.seconds(stamps), np.nan))
     frames = [n for n in _rising(values) if set(words.split(n)) & words.FRAMES]
     named = "field: %s, " % quoted(frames[0]) if frames else ""
     key = "{%srate: }  # %s: put in how many rows come per second [Hz]" % (
         named,
         lost or "no column is a time",
     )
-    return Found(key, tuple(frames[:1]), np.arange(len(next(iter(columns.values()))), dtype=float))
+    return TableClock(key, tuple(frames[:1]), np.arange(len(next(iter(columns.values()))), dtype=float))
 
 
 def _clocks(

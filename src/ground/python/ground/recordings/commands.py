@@ -7,7 +7,7 @@ import numpy as np
 
 from ground.recordings import containers
 from ground.recordings.containers import Columns, Topic
-from ground.recordings.mapping import COMMANDS, Channel, Commands
+from ground.recordings.mapping import COMMANDS, CommandChannel, Commands
 from ground.support.annotations import Array, Flags
 from ground.support.errors import GroundError
 
@@ -38,7 +38,7 @@ def ranks(topics: Mapping[str, Topic]) -> Mapping[str, int]:
 
 def channels_of(
     columns: Columns, kind: str, commands: Commands, where: str
-) -> Tuple[Tuple[Channel, ...], str]:
+) -> Tuple[Tuple[CommandChannel, ...], str]:
     """The channels of a topic and the name of that of the lift fan. Those of ground_msgs/Controls name the
     channels of a craft that lists its thrusters. GroundError where they are not known."""
     if commands.channels:
@@ -50,9 +50,11 @@ def channels_of(
         )
     names = _named(columns, where) if kind == OWN else ()
     if not names:
-        return tuple(Channel(n, path) for n, path in zip(CHANNELS, KINDS[kind])), commands.lift
-    thrusters = [Channel(name, "thrusters[%d]" % i, range=(-1.0, 1.0)) for i, name in enumerate(names[:-1])]
-    return (*thrusters, Channel(names[-1], "lift")), names[-1]
+        return tuple(CommandChannel(n, path) for n, path in zip(CHANNELS, KINDS[kind])), commands.lift
+    thrusters = [
+        CommandChannel(name, "thrusters[%d]" % i, range=(-1.0, 1.0)) for i, name in enumerate(names[:-1])
+    ]
+    return (*thrusters, CommandChannel(names[-1], "lift")), names[-1]
 
 
 def _named(columns: Columns, where: str) -> Tuple[str, ...]:
@@ -69,7 +71,7 @@ def _named(columns: Columns, where: str) -> Tuple[str, ...]:
 
 def read(
     columns: Columns,
-    channels: Tuple[Channel, ...],
+    channels: Tuple[CommandChannel, ...],
     where: str,
     empty: str,
     known: Flags,
@@ -117,7 +119,7 @@ def _held(values: Array, backward: bool) -> Array:
     return np.asarray(found[::-1] if backward else found)
 
 
-def _by_file(channel: Channel, unit: str, notes: List[str]) -> Channel:
+def _by_file(channel: CommandChannel, unit: str, notes: List[str]) -> CommandChannel:
     """A channel whose values mean what the unit in the file says, where the mapping leaves it open."""
     named = {"%": "percent", "us": "microseconds"}.get(unit)
     if channel.is_given or named is None:

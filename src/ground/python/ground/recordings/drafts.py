@@ -230,7 +230,7 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
         yield "time: %s" % chosen.clock
 
 
-def _unit_of(seen: Seen, pose: sightings.Pose, times: Array, position: Array) -> Tuple[str, float]:
+def _unit_of(seen: Seen, pose: sightings.PoseColumns, times: Array, position: Array) -> Tuple[str, float]:
     """The unit of a position, and its speed."""
     likely, fast = units.length_units(times, position)
     said = seen.units.get(pose.position[0], "")
@@ -239,7 +239,7 @@ def _unit_of(seen: Seen, pose: sightings.Pose, times: Array, position: Array) ->
     return (said if said in LENGTHS or said in ("km", "ft") else likely[0] if likely else "m"), fast
 
 
-def _position_line(names: str, unit: str, fast: float, pose: sightings.Pose, position: Array) -> str:
+def _position_line(names: str, unit: str, fast: float, pose: sightings.PoseColumns, position: Array) -> str:
     ranges = ", ".join(
         "%s %.4g to %.4g" % (path.rsplit(".", 1)[-1], low, high)
         for path, low, high in zip(pose.position, position.min(axis=0), position.max(axis=0))
@@ -247,7 +247,7 @@ def _position_line(names: str, unit: str, fast: float, pose: sightings.Pose, pos
     return "position: {%sunit: %s}  # %s, %.3g a second" % (names, unit, ranges, fast)
 
 
-def _whole_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
+def _whole_lines(seen: Seen, pose: sightings.PoseColumns) -> Iterator[str]:
     """Keys of a pose with a quaternion."""
     times, position, rotation = seen.rows(pose)
     known = seen.kind in poses.KINDS
@@ -262,14 +262,14 @@ def _whole_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
         yield _upward(pose, "# ") + "  # where the other axis points up"
 
 
-def _upward(pose: sightings.Pose, mark: str) -> str:
+def _upward(pose: sightings.PoseColumns, mark: str) -> str:
     """The axes of a frame whose vertical axis points up, by the names of the horizontal ones."""
     flat = "".join(words.axis(name)[0] for name in pose.position)
     vertical = next((letter for letter in "zyx" if letter not in flat), "z")
     return '%saxes: "%s"' % (mark, UPWARD[vertical])
 
 
-def _flat(pose: sightings.Pose, position: Array) -> Tuple[sightings.Pose, Array, str]:
+def _flat(pose: sightings.PoseColumns, position: Array) -> Tuple[sightings.PoseColumns, Array, str]:
     """A pose by its two horizontal fields, their values (n, 2), and its frame in a line."""
     turns = "where headings are counter-clockwise from above"
     if position.shape[1] == 2:
@@ -280,7 +280,7 @@ def _flat(pose: sightings.Pose, position: Array) -> Tuple[sightings.Pose, Array,
         flat = [0, 1]
     (vertical,) = {0, 1, 2} - set(flat)
     height, name = float(np.median(position[:, vertical])), pose.position[vertical]
-    pose = sightings.Pose(tuple(pose.position[i] for i in flat), pose.rotation, pose.kind)
+    pose = sightings.PoseColumns(tuple(pose.position[i] for i in flat), pose.rotation, pose.kind)
     if height > 0:
         line = "%s  # %s moves least and is mostly positive: up" % (_upward(pose, ""), name)
     else:
@@ -288,7 +288,7 @@ def _flat(pose: sightings.Pose, position: Array) -> Tuple[sightings.Pose, Array,
     return pose, position[:, flat], line
 
 
-def _planar_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
+def _planar_lines(seen: Seen, pose: sightings.PoseColumns) -> Iterator[str]:
     """Keys of a pose with a heading; the motion decides how the heading counts, where it does."""
     times, position, rotation = seen.rows(pose)
     known = seen.kind in poses.KINDS

@@ -7,7 +7,7 @@ import numpy as np
 
 from ground.recordings import commands, containers, instants
 from ground.recordings.containers import RECEIVED, Columns, Topic
-from ground.recordings.mapping import Channel, Clock, Commands
+from ground.recordings.mapping import Clock, CommandChannel, Commands
 from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 
@@ -25,13 +25,13 @@ class Gathered:
     """The commands of a recording."""
 
     rows: Array  #: (n, 1 + c) stamp [s] and normalised commands
-    channels: Tuple[Channel, ...]
+    channels: Tuple[CommandChannel, ...]
     lift: str  #: the channel of the lift fan
     delay: float  #: median time from stamp to receipt [s]; 0 where that is not known
 
 
 @dataclass(frozen=True)
-class Part:
+class CommandTable:
     """The commands of one topic or table."""
 
     name: str
@@ -61,7 +61,7 @@ def read(
     parts = []
     for part, topic in given:
         said: List[str] = []
-        parts.append(Part(part.topic, _part(path, part, topic, table(part.topic), stamps, said)))
+        parts.append(CommandTable(part.topic, _part(path, part, topic, table(part.topic), stamps, said)))
         notes += ["%s: %s" % (part.topic, text) for text in said] if len(given) > 1 else said
     return parts[0].gathered if len(parts) == 1 else _merged(path, parts, given[0][0].lift, notes)
 
@@ -84,7 +84,7 @@ def _part(
     return Gathered(rows, channels, lift, delay(columns, used, sent_at))
 
 
-def _merged(path: str, parts: Sequence[Part], lift: str, notes: List[str]) -> Gathered:
+def _merged(path: str, parts: Sequence[CommandTable], lift: str, notes: List[str]) -> Gathered:
     """The commands of several topics with a row for each time at which one of them has a new one; the others
     hold theirs. GroundError where they have no time in common."""
     for part in parts:
@@ -130,7 +130,7 @@ def _instants(times: Sequence[Array], room: float) -> Array:
     return np.array(found)
 
 
-def _stopped(parts: Sequence[Part], end: float) -> Iterator[str]:
+def _stopped(parts: Sequence[CommandTable], end: float) -> Iterator[str]:
     """Topics whose commands end before those of the others."""
     for part in parts:
         last = float(part.times.max())
@@ -138,7 +138,7 @@ def _stopped(parts: Sequence[Part], end: float) -> Iterator[str]:
             yield "%s ends %.3g s before the other commands; its last one is held" % (part.name, end - last)
 
 
-def in_order(given: Sequence[Channel], gathered: Gathered) -> Gathered:
+def in_order(given: Sequence[CommandChannel], gathered: Gathered) -> Gathered:
     """The same with the channels in the order of a mapping."""
     names = [channel.name for channel in gathered.channels]
     if not given or [channel.name for channel in given] == names:

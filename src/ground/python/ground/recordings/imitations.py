@@ -95,11 +95,11 @@ def _means(recording: Recording) -> Optional[Array]:
 
 
 def confirmed(
-    verdict: layouts.Verdict,
+    verdict: layouts.LayoutVerdict,
     recordings: Sequence[Recording],
     thrusters: Sequence[layouts.Thruster],
     model: Optional[_core.Model],
-) -> layouts.Verdict:
+) -> layouts.LayoutVerdict:
     """The verdict of recordings of a craft; one that leaves open what would also be found in recordings that
     its model makes, or that of a pair which moves like it."""
     if verdict.is_as_recorded:

@@ -32,7 +32,7 @@ Span = Tuple[float, float]  # start, end [s]
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class InertialSamples:
     """What a craft's sensors told, in any units and any mounting about the vertical."""
 
     times: Array  #: (n,) [s], on the clock of the commands
@@ -71,7 +71,7 @@ class Calibrated:
         }
 
 
-def calibrate(samples: Samples, motion: repair.Motion, contacts: Sequence[Span] = ()) -> Calibrated:
+def calibrate(samples: InertialSamples, motion: repair.Motion, contacts: Sequence[Span] = ()) -> Calibrated:
     """Samples in the frame of a run's motion; contacts: spans [s] that do not count. Times stay on the clock
     of the commands."""
     times, first = np.unique(samples.times, return_index=True)

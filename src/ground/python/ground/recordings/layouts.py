@@ -100,7 +100,7 @@ Class = Tuple[Hypothesis, ...]  # hypotheses with the same effects, the cheapest
 
 
 @dataclass(frozen=True)
-class Found:
+class LayoutFit:
     """A hypothesis, with what commands explain under it."""
 
     hypothesis: Hypothesis
@@ -111,13 +111,13 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class LayoutVerdict:
     """Which hypotheses recordings support."""
 
-    recorded: Found  #: channels by their names, heading as it is
-    best: Found
+    recorded: LayoutFit  #: channels by their names, heading as it is
+    best: LayoutFit
     same: List[Hypothesis]  #: under which the motion is exactly that of the best one
-    undecided: List[Found]  #: others that the recordings do not refute, the likeliest ones
+    undecided: List[LayoutFit]  #: others that the recordings do not refute, the likeliest ones
     open_share: float  #: share of all classes of hypotheses that are not refuted
     why: str  #: why not; empty where there are none
 
@@ -274,14 +274,14 @@ class _Evidence:
         one, own = blocks.logs(self.unexplained[index : index + 1])
         return logs - one, blocks.error_of_sum(parts - own)
 
-    def found(self, index: int, best: int) -> Found:
+    def found(self, index: int, best: int) -> LayoutFit:
         """A class compared with the best one."""
         first, left = self.classes[index][0], self.unexplained[index : index + 1]
         logs, errors = self.log_ratios(left, best)
         total, unexplained = self.moments[first.twisted].totals.sum(axis=0), left[0].sum(axis=0)
         low, middle, high = np.exp(logs[0] + errors[0] * np.array([-1.96, 0, 1.96])).tolist()
         force, turn = 1 - unexplained[:2].sum() / total[:2].sum(), 1 - unexplained[2] / total[2]
-        return Found(first, float(force), float(turn), middle, (low, high))
+        return LayoutFit(first, float(force), float(turn), middle, (low, high))
 
     def turned(self, index: int, limit: float) -> List[Hypothesis]:
         """The first hypothesis of a class with the heading's offset as the forces have it; none where it is
@@ -321,8 +321,10 @@ class _Evidence:
         return "their accelerations differ by less than disturbances and noise over so short a recording"
 
 
-def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster], chance: float = CHANCE) -> Verdict:
-    """The Verdict of recordings on a craft's thrusters, whose names are those of the channels: by what
+def judge(
+    recordings: Sequence[Recording], thrusters: Sequence[Thruster], chance: float = CHANCE
+) -> LayoutVerdict:
+    """The LayoutVerdict of recordings on a craft's thrusters, whose names are those of the channels: by what
     commands do at once and, where that leaves other ways to read them, by what they do while damping acts.
     chance: that any wrong way to read them is preferred to the right one.
 
@@ -350,7 +352,7 @@ def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster], chance
     return _verdict(first, open_first)
 
 
-def _verdict(evidence: _Evidence, open_still: Sequence[int]) -> Verdict:
+def _verdict(evidence: _Evidence, open_still: Sequence[int]) -> LayoutVerdict:
     """The verdict by evidence, where some classes are open."""
     groups, names = evidence.classes, [thruster.name for thruster in evidence.thrusters]
     firsts = [group[0] for group in groups]
@@ -360,7 +362,7 @@ def _verdict(evidence: _Evidence, open_still: Sequence[int]) -> Verdict:
     turned = evidence.turned(best, evidence.limit)
     same = [h for h in groups[best][1:4] if h.cost(names) <= firsts[best].cost(names) + 2]
     kept = evidence.found(best, best)
-    return Verdict(
+    return LayoutVerdict(
         evidence.found(0, best),
         replace(kept, hypothesis=turned[0]) if turned else kept,
         [] if turned else same,
@@ -429,7 +431,7 @@ def _mistakes(
         yield "offset", "the heading %s off by %s" % (is_, size), remedy
 
 
-def evidence(verdict: Verdict) -> str:
+def evidence(verdict: LayoutVerdict) -> str:
     """What speaks for a verdict's best hypothesis."""
     best, as_is = verdict.best, verdict.recorded
     shares = 100 * best.force, 100 * best.turn
@@ -442,7 +444,7 @@ def evidence(verdict: Verdict) -> str:
     )
 
 
-def sentence(verdict: Verdict) -> str:
+def sentence(verdict: LayoutVerdict) -> str:
     """A verdict with its evidence, what is the same to any motion, and what cannot be decided."""
     names = verdict.recorded.hypothesis.channels
     parts = ["%s: %s" % (suppositions(verdict.best.hypothesis, names, True), evidence(verdict))]

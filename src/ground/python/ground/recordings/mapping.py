@@ -72,7 +72,7 @@ class Poses:
 
 
 @dataclass(frozen=True)
-class Channel:
+class CommandChannel:
     """One command, from the value of a field."""
 
     name: str
@@ -100,14 +100,14 @@ class Commands:
     topic: str = ""  #: empty: the one named sent, else controls
     file: str = ""  #: pattern of the names of tables that have them
     type: str = ""
-    channels: Tuple[Channel, ...] = ()  #: empty: left, right, lift as the type has them
+    channels: Tuple[CommandChannel, ...] = ()  #: empty: left, right, lift as the type has them
     lift: str = LIFT  #: the channel of the lift fan
     empty: str = "held"  #: what a missing value means: the one before is held, or "off"
     time: Clock = Clock()
 
     def parts(self) -> Tuple["Commands", ...]:
         """The same by where the channels are: one for each topic, file and clock."""
-        found: Dict[Tuple[str, str, Clock], List[Channel]] = {}
+        found: Dict[Tuple[str, str, Clock], List[CommandChannel]] = {}
         for one in self.channels:
             topic = one.topic or ("" if one.file else self.topic)
             file = one.file or ("" if one.topic else self.file)
@@ -362,7 +362,7 @@ def _commands(keys: Document) -> Commands:
     return Commands(**_place("commands", keys), channels=channels, lift=lift, empty=empty)
 
 
-def _channel(name: str, keys: Document) -> Channel:
+def _channel(name: str, keys: Document) -> CommandChannel:
     what = "commands.channels." + name
     _apart(what, keys, "unit", "off", "full")
     _apart(what, keys, "file", "topic")
@@ -373,7 +373,7 @@ def _channel(name: str, keys: Document) -> Channel:
     given.pop("unit", None)
     if "time" in keys:
         given["time"] = _clock(what, keys["time"])
-    channel = Channel(**given)
+    channel = CommandChannel(**given)
     if channel.off == channel.full:
         raise ValueError("%s.full is the same as off, %g" % (what, channel.off))
     if not low < high:

@@ -20,7 +20,7 @@ MIN_SHARE = 0.2  # least share of the accelerations that the commands explain by
 MIN_DRIFTING = 16.0  # length of a run from which a drift is looked for [s]
 
 
-class Clock(NamedTuple):
+class CommandClock(NamedTuple):
     """Another clock by which commands explain the motion."""
 
     lag: float  # time from a command to the motion, in the middle of the run [s]
@@ -29,8 +29,8 @@ class Clock(NamedTuple):
     evidence: Callable[[], float]
 
 
-def find(recording: Recording) -> List[Clock]:
-    """The Clock that explains the accelerations best with a drift, and the one without; none where the
+def find(recording: Recording) -> List[CommandClock]:
+    """The CommandClock that explains the accelerations best with a drift, and the one without; none where the
     commands explain little."""
     motion = recording.motion
     inside = np.flatnonzero(kinematics.middle(motion))
@@ -88,7 +88,7 @@ def find(recording: Recording) -> List[Clock]:
         if 1 - size(best) / (wanted**2).sum() < MIN_SHARE:
             continue
         lag, rate = best
-        found.append(Clock(lag, rate, functools.partial(evidence, lag, rate)))
+        found.append(CommandClock(lag, rate, functools.partial(evidence, lag, rate)))
     return found
 
 

@@ -27,7 +27,7 @@ WITHOUT_AXES = (
 
 
 @dataclass(frozen=True)
-class Kind:
+class PoseFields:
     """Where messages of a type have their pose."""
 
     position: str  #: path of x, y, z; empty: they are at the top
@@ -44,18 +44,18 @@ class Kind:
         return tuple(before + axis for axis in "xyz"), turned
 
 
-TRANSFORM = Kind("transform.translation", "transform.rotation", body="child_frame_id")
+TRANSFORM = PoseFields("transform.translation", "transform.rotation", body="child_frame_id")
 KINDS = {
-    "geometry_msgs/PoseStamped": Kind("pose.position", "pose.orientation"),
-    "geometry_msgs/PoseWithCovarianceStamped": Kind("pose.pose.position", "pose.pose.orientation"),
-    "nav_msgs/Odometry": Kind("pose.pose.position", "pose.pose.orientation", body="child_frame_id"),
+    "geometry_msgs/PoseStamped": PoseFields("pose.position", "pose.orientation"),
+    "geometry_msgs/PoseWithCovarianceStamped": PoseFields("pose.pose.position", "pose.pose.orientation"),
+    "nav_msgs/Odometry": PoseFields("pose.pose.position", "pose.pose.orientation", body="child_frame_id"),
     "geometry_msgs/TransformStamped": TRANSFORM,
     "tf2_msgs/TFMessage": TRANSFORM,
     "tf/tfMessage": TRANSFORM,
-    "geometry_msgs/Pose": Kind("position", "orientation"),
-    "geometry_msgs/Transform": Kind("translation", "rotation"),
-    "geometry_msgs/PointStamped": Kind("point", heading="point.z"),
-    "geometry_msgs/Pose2D": Kind("", heading="theta"),
+    "geometry_msgs/Pose": PoseFields("position", "orientation"),
+    "geometry_msgs/Transform": PoseFields("translation", "rotation"),
+    "geometry_msgs/PointStamped": PoseFields("point", heading="point.z"),
+    "geometry_msgs/Pose2D": PoseFields("", heading="theta"),
 }
 SELDOM = ("geometry_msgs/Pose", "geometry_msgs/Pose2D")  # types without a header
 STATIC = "tf_static"  # last name of topics with transforms that do not change
@@ -98,7 +98,7 @@ def takes(kind: str, poses: Poses) -> Tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Measured:
+class PoseTable:
     """Poses as they were measured, and in world_ned."""
 
     rows: Array  #: (n, 3) x, y [m], psi [rad], world_ned; NaN for invalid ones
@@ -120,13 +120,13 @@ def read(
     poses: Poses,
     settings: Settings,
     notes: List[str],
-) -> Measured:
+) -> PoseTable:
     """The poses of a topic's columns, with stamps (n,) [ns]. where: file and topic, for errors; notes: told
     what was assumed. GroundError when it has no such fields, or poses of several bodies."""
     if kind == STATE:
         eta = containers.values(columns, ["eta[0]", "eta[1]", "eta[2]"], where)
         eta[columns["valid"] == 0] = np.nan
-        return Measured(eta, np.empty((0, 7)), np.ones(len(eta), bool), np.zeros(len(eta), bool))
+        return PoseTable(eta, np.empty((0, 7)), np.ones(len(eta), bool), np.zeros(len(eta), bool))
     known = KINDS.get(poses.type or kind)
     if poses.position:
         position, rotation = poses.position, poses.orientation or (poses.heading,)
@@ -165,10 +165,10 @@ def read(
         )
     rows, raw = _planar(placed, turned, paths[:count], where, stamps[chosen], settings)
     places.subtract_origin(rows, notes)
-    return Measured(rows, raw, chosen, absent)
+    return PoseTable(rows, raw, chosen, absent)
 
 
-def _body_column(columns: Columns, known: Optional[Kind]) -> str:
+def _body_column(columns: Columns, known: Optional[PoseFields]) -> str:
     """The column that says which body a row is of; empty: there is none."""
     return known.body if known else next(iter(body_columns(columns)), "")
 

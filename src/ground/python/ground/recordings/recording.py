@@ -24,7 +24,7 @@ from ground import _core
 from ground.recordings import headings, repair, smoothed, units
 from ground.recordings.battery import Voltage
 from ground.recordings.commands import CHANNELS
-from ground.recordings.inertial import Samples
+from ground.recordings.inertial import InertialSamples
 from ground.recordings.low_pass import LowPass
 from ground.recordings.mapping import LIFT, RANGE
 from ground.recordings.run_settings import LiveChange, RunFile, Settings
@@ -90,7 +90,7 @@ class Recording(Plotted):
     lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
     noise: Optional[Tuple[float, float]] = None  #: given, of positions [m] and headings [rad]
     frame_rate: Optional[float] = None  #: given, of the mocap's camera [Hz]
-    inertial: Optional[Samples] = None  #: of the craft's gyro and accelerometer, if recorded
+    inertial: Optional[InertialSamples] = None  #: of the craft's gyro and accelerometer, if recorded
     payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
     voltage: Optional[Voltage] = None  #: of the craft's battery, if recorded
     digest: str = ""  #: of the content of the files that it was read from; empty: none

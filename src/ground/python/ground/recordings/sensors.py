@@ -7,7 +7,7 @@ import numpy as np
 
 from ground.recordings import containers
 from ground.recordings.containers import TABLE, Columns, Container
-from ground.recordings.inertial import Samples
+from ground.recordings.inertial import InertialSamples
 from ground.recordings.mapping import Battery, Clock, FieldMapping, Sensors
 from ground.support.annotations import Flags, Indices
 from ground.support.errors import GroundError
@@ -22,8 +22,8 @@ Stamps = Callable[[Columns, Clock, str], Tuple[Indices, Flags]]
 Table = Callable[[str], Columns]
 
 
-def read(source: Container, mapping: FieldMapping, stamps: Stamps, table: Table) -> Optional[Samples]:
-    """The Samples in an open Container; None without any. stamps: of a table by a Clock, and its
+def read(source: Container, mapping: FieldMapping, stamps: Stamps, table: Table) -> Optional[InertialSamples]:
+    """The InertialSamples in an open Container; None without any. stamps: of a table by a Clock, and its
     name; table: the columns of a topic.
     GroundError where the mapping names something else than there is."""
     given = mapping.inertial
@@ -46,7 +46,7 @@ def read(source: Container, mapping: FieldMapping, stamps: Stamps, table: Table)
     values, times = values[good], times[good]
     if len(times) < 2 or not np.ptp(values[:, 0]) > 0:  # a craft without sensors leaves zeros
         return None
-    return Samples(times, values[:, 0], values[:, 1:], "%s (%s)" % (topic, kind))
+    return InertialSamples(times, values[:, 0], values[:, 1:], "%s (%s)" % (topic, kind))
 
 
 def _place(source: Container, mapping: FieldMapping, given: Sensors) -> Tuple[str, Sensors]:

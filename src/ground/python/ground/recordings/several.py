@@ -24,7 +24,7 @@ class Seen:
     units: Mapping[str, str] = field(default_factory=dict)  # that the file says, by path
     clock: str = ""  # the key `time` of a table
     clock_fields: Tuple[str, ...] = ()
-    poses: List[sightings.Pose] = field(default_factory=list)  # the likeliest first
+    poses: List[sightings.PoseColumns] = field(default_factory=list)  # the likeliest first
 
     @property
     def name(self) -> str:
@@ -32,11 +32,11 @@ class Seen:
         return self.topic + (", body %s" % self.body if self.body else "")
 
     @property
-    def pose(self) -> sightings.Pose:
+    def pose(self) -> sightings.PoseColumns:
         """The likeliest pose, empty without any."""
-        return self.poses[0] if self.poses else sightings.Pose()
+        return self.poses[0] if self.poses else sightings.PoseColumns()
 
-    def rows(self, pose: sightings.Pose) -> Tuple[Array, Array, Array]:
+    def rows(self, pose: sightings.PoseColumns) -> Tuple[Array, Array, Array]:
         """Times (n,), position (n, k) and rotation (n, k) of a pose, where there are all of them."""
         found = np.column_stack([self.values[path] for path in pose.position + pose.rotation])
         good = np.isfinite(found).all(axis=1) & np.isfinite(self.times)

@@ -17,7 +17,7 @@ COMPONENTS = ("x", "y", "z", "w")
 
 
 @dataclass(frozen=True)
-class Pose:
+class PoseColumns:
     """Columns that have a pose."""
 
     position: Tuple[str, ...] = ()  #: x and y as the columns have them, or x, y, z
@@ -25,7 +25,7 @@ class Pose:
     kind: str = "xy"  #: what the position is: xy, map (north, east) or fix (latitude, longitude)
 
 
-def of_columns(values: Mapping[str, Array]) -> List[Pose]:
+def of_columns(values: Mapping[str, Array]) -> List[PoseColumns]:
     """The poses that columns may have, the likeliest first."""
     turns = [*_quaternions(values), *_headings(values)]
     found = []
@@ -36,7 +36,7 @@ def of_columns(values: Mapping[str, Array]) -> List[Pose]:
             alike = len(set(stem) & set(about)) - 0.5 * len(
                 set(about) - set(stem) - words.TURNED - words.MEASURED
             )
-            found.append((worth + likely + alike, Pose(position, rotation, kind)))
+            found.append((worth + likely + alike, PoseColumns(position, rotation, kind)))
     return [pose for _, pose in sorted(found, key=lambda one: -one[0])]
 
 
@@ -114,10 +114,10 @@ def _finite(values: Array) -> Array:
     return found if len(found) else np.zeros(1)
 
 
-def fields_of_kind(kind: str) -> Pose:
+def fields_of_kind(kind: str) -> PoseColumns:
     """The pose of a known type of messages."""
     position, rotation = poses.KINDS[kind].fields()
-    return Pose(position, rotation)
+    return PoseColumns(position, rotation)
 
 
 @dataclass(frozen=True)

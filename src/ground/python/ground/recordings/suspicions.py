@@ -243,13 +243,13 @@ def directions(recording: Recording) -> Iterator[Suspicion]:
         yield from _worded([recording], PAIR, alone(recording, PAIR))
 
 
-def alone(recording: Recording, thrusters: Thrusters) -> Optional[layouts.Verdict]:
+def alone(recording: Recording, thrusters: Thrusters) -> Optional[layouts.LayoutVerdict]:
     """The verdict of a recording by itself, which it keeps; None without one."""
     known = recording.known.setdefault("alone", {})
     if thrusters not in known:
         replies = thrusters != PAIR or repaired(recording).reply
         known[thrusters] = _judged([recording], thrusters) if replies else None
-    found: Optional[layouts.Verdict] = known[thrusters]
+    found: Optional[layouts.LayoutVerdict] = known[thrusters]
     return found
 
 
@@ -285,7 +285,9 @@ def _of_craft(
     """Suspicions about the channels and headings of a craft. What all recordings together look like says it
     all, unless one of them alone refutes it."""
 
-    def confirmed(verdict: Optional[layouts.Verdict], some: Sequence[Recording]) -> Optional[layouts.Verdict]:
+    def confirmed(
+        verdict: Optional[layouts.LayoutVerdict], some: Sequence[Recording]
+    ) -> Optional[layouts.LayoutVerdict]:
         return verdict and imitations.confirmed(verdict, some, thrusters, model)
 
     own_ones = [confirmed(alone(one, thrusters), [one]) for one in recordings]
@@ -296,7 +298,7 @@ def _of_craft(
     return found or [one for recording in recordings for one in _weak(recording, thrusters)]
 
 
-def _leaves_open(own: Optional[layouts.Verdict], together: layouts.Verdict) -> bool:
+def _leaves_open(own: Optional[layouts.LayoutVerdict], together: layouts.LayoutVerdict) -> bool:
     """Whether a recording's own verdict leaves open what all of them look like."""
     if own is None or own.open_share > layouts.HARDLY:
         return True
@@ -336,7 +338,7 @@ def _weak(recording: Recording, thrusters: Sequence[layouts.Thruster]) -> Iterat
 
 def _judged(
     recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster]
-) -> Optional[layouts.Verdict]:
+) -> Optional[layouts.LayoutVerdict]:
     """The verdict of recordings; None where the commands change too little."""
     try:
         return layouts.judge(recordings, thrusters)
@@ -347,7 +349,7 @@ def _judged(
 def _worded(
     recordings: Sequence[Recording],
     thrusters: Sequence[layouts.Thruster],
-    verdict: Optional[layouts.Verdict],
+    verdict: Optional[layouts.LayoutVerdict],
 ) -> Iterator[Suspicion]:
     """The suspicion about recordings of a craft, where they refute their channels and headings."""
     if verdict is None or verdict.is_as_recorded:

@@ -46,7 +46,7 @@ def _frames(columns: Columns, path: str) -> Array:
     return np.array([str(name).strip("/") for name in columns[path]], object)
 
 
-def _poses(columns: Columns, kind: poses.Kind) -> Tuple[Array, Flags]:
+def _poses(columns: Columns, kind: poses.PoseFields) -> Tuple[Array, Flags]:
     """Poses (n, 4, 4) of columns, and which quaternions are rotations (n,)."""
     from scipy.spatial.transform import Rotation  # slow to load
 
@@ -81,7 +81,7 @@ def _reached(fixed: Fixed, measured: str) -> Dict[str, Array]:
     return found
 
 
-def _moved(columns: Columns, kind: poses.Kind, body: str, pose: Array) -> Columns:
+def _moved(columns: Columns, kind: poses.PoseFields, body: str, pose: Array) -> Columns:
     """Poses of a measured frame as poses of a body that has a pose in it."""
     from scipy.spatial.transform import Rotation
 
