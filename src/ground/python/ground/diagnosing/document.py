@@ -11,6 +11,7 @@ from ground.analysis.likelihood import LikelihoodFit
 from ground.analysis.search import LookAlike
 from ground.analysis.verdict import MISREAD, Conclusion
 from ground.diagnosing import next_experiment
+from ground.diagnosing.next_experiment import NextExperiment
 from ground.effect_library import candidates
 from ground.support.annotations import Document
 
@@ -109,11 +110,12 @@ def completed(
     with diagnosis.work.stage("errors of the best effects"):
         alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
         described, banded = _candidates(diagnosis, alike), bands.coverage(conclusion.bands)
+    proposed = _next_experiment(diagnosis, alike, room)
     return {
         **report,
         "candidates": described,
         "bands": banded,
-        "next_experiment": _next_experiment(diagnosis, alike, room),
+        "next_experiment": proposed and dataclasses.asdict(proposed),
         "unexplained": _unexplained(conclusion),
     }
 
@@ -213,7 +215,7 @@ def _next_experiment(
     diagnosis: StepwiseDiagnosis,
     alike: Sequence[LookAlike],
     room: Optional[_core.RoomPlan],
-) -> Optional[Document]:
+) -> Optional[NextExperiment]:
     """The experiment that would distinguish the effects of the first group. Without a group, the
     experiment that would show an effect which these runs cannot; None if there is none."""
 
@@ -221,7 +223,7 @@ def _next_experiment(
     some = [diagnosis.runs[i * many // MAX_PLANNED_RUNS] for i in range(MAX_PLANNED_RUNS)]
     runs = diagnosis.runs if many <= MAX_PLANNED_RUNS else some
 
-    def propose(rivals: Mapping[str, LikelihoodFit]) -> Optional[Document]:
+    def propose(rivals: Mapping[str, LikelihoodFit]) -> Optional[NextExperiment]:
         return next_experiment.propose(rivals, runs, diagnosis.each, room, diagnosis.work)
 
     for step in diagnosis.steps:
@@ -231,8 +233,7 @@ def _next_experiment(
     for other in alike:
         proposed = propose({other.name: other.fit, "": diagnosis.fit})
         if proposed:
-            proposed["separates"] = [other.name, *other.moved]
-            return proposed
+            return dataclasses.replace(proposed, separates=[other.name, *other.moved])
     return None
 
 

@@ -1,8 +1,8 @@
 """The experiment that would distinguish effects that recorded runs do not distinguish."""
 
 import contextlib
-import dataclasses
 import math
+from dataclasses import dataclass, replace
 from typing import Any, List, Mapping, Optional, Sequence
 
 import numpy as np
@@ -12,7 +12,7 @@ from ground.analysis.likelihood import Likelihood, LikelihoodFit, call
 from ground.analysis.thinning import thinned
 from ground.simulation import experiments
 from ground.simulation.designs import Design, designs
-from ground.support.annotations import Array, Document, Each
+from ground.support.annotations import Array, Each
 from ground.support.errors import Diverged, GroundError
 from ground.support.progress import Work
 
@@ -20,6 +20,20 @@ IN_ROOM = 16.0  # duration in a room, where returns take about half of it [s]
 RATE = 120.0  # rate of the mocap [Hz]
 MAX_REFITTED = 4  # experiments that are refitted
 CLEAR_DISAGREEMENT = 6.0  # standard deviations that distinguish rivals in nearly all cases
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """The experiment in which rivals would diverge most."""
+
+    separates: List[str]  #: names of the rivals
+    input: str  #: in words
+    arguments: str  #: of identify simulate, open loop
+    launch: str  #: line that flies it
+    room: str  #: its name
+    rows: List[List[float]]  #: time [s], left and right of the design
+    repeat: int  #: number of such runs for a clear decision
+    expected_disagreement: float  #: of one of them [standard deviations]
 
 
 def _options(design: Design, form: str) -> List[str]:
@@ -46,7 +60,7 @@ def propose(
     each: Each = map,
     room: Optional[_core.RoomPlan] = None,
     work: Optional[Work] = None,
-) -> Optional[Document]:
+) -> Optional[NextExperiment]:
     """The experiment in which rivals, models that do the same on recorded runs, would diverge most.
 
     rivals: by name, their fits to the runs (_core.RunData). Each rival simulates each experiment that a
@@ -56,10 +70,7 @@ def propose(
     the log-likelihood of the poses under a rival's own disturbance (ground.analysis.likelihood); the pair
     that is hardest to distinguish counts. each: maps over experiments; work: told of each.
 
-    Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate, open loop),
-    `launch` (the line that flies it), `room` (its name), `rows` (time [s], left, right of the design),
-    `repeat` (number of such runs for a clear decision), and `expected_disagreement` of one of them [standard
-    deviations]. None when no experiment distinguishes the rivals.
+    None when no experiment distinguishes the rivals.
     """
     fits = list(rivals.values())
     if not fits[0].model.is_pair:
@@ -92,16 +103,16 @@ def propose(
     played = " ".join(["--input %s" % proposed.kind, *_options(proposed, "--%s %s")]) + lift
     flown = " ".join(["design:=%s" % proposed.kind, *_options(proposed, "%s:='%s'")])
     flies = "roslaunch ground room_prbs.launch mocap_host:=ADDRESS %s lift:=%g duration:=%g"
-    return {
-        "separates": list(rivals),
-        "input": proposed.words,
-        "arguments": played,
-        "launch": flies % (flown, proposed.lift, IN_ROOM),
-        "room": place.name,
-        "rows": proposed.rows(IN_ROOM).tolist(),
-        "repeat": math.ceil((CLEAR_DISAGREEMENT / best) ** 2),
-        "expected_disagreement": best,
-    }
+    return NextExperiment(
+        separates=list(rivals),
+        input=proposed.words,
+        arguments=played,
+        launch=flies % (flown, proposed.lift, IN_ROOM),
+        room=place.name,
+        rows=proposed.rows(IN_ROOM).tolist(),
+        repeat=math.ceil((CLEAR_DISAGREEMENT / best) ** 2),
+        expected_disagreement=best,
+    )
 
 
 def _disagreement(
@@ -140,7 +151,7 @@ def _costs(rivals: Sequence[LikelihoodFit], runs: Sequence[_core.RunData], refit
     """Negative log-likelihood of poses under each rival, as it is or refitted with its levels kept."""
     on, costs = Likelihood(runs, rivals[0].model), []
     for rival in rivals:
-        near = dataclasses.replace(rival, loudness=())
+        near = replace(rival, loudness=())
         if refitted:
             costs.append(-on.fit(near.model, near.free, near=near, levels=False).log_posterior)
         else:
