@@ -89,7 +89,7 @@ def test_the_likelihood_of_runs_is_that_of_their_blocks():
 def test_the_wald_ratio_is_that_of_a_refit():
     runs, like, fit = fitted(sigma=0.004, force=(0.004, 0.0))
     extended = candidates.of_library("body_force_bias").neutral(fit.model)
-    names = tuple(p["name"] for p in candidates.parameters_of(extended, "body_force_bias"))
+    names = tuple(p.name for p in candidates.parameters_of(extended, "body_force_bias"))
     with_it = like.fit(extended, FREE + names, near=fit)
     refitted = 2 * (with_it.log_posterior - fit.log_posterior)
     assert refitted > 10 and with_it.ratio_without("body_force_bias") == pytest.approx(refitted, rel=0.5)
@@ -146,7 +146,7 @@ def test_a_draught_does_not_narrow_the_interval_of_a_tilted_floor():
         runs = [in_draught(seed, 0.004, 1.5) for seed in (first, first + 1)]
         like = likelihood.Likelihood(runs, model(), ())
         tilted = candidates.of_library("floor_tilt").neutral(model())
-        names = tuple(p["name"] for p in candidates.parameters_of(tilted, "floor_tilt"))
+        names = tuple(p.name for p in candidates.parameters_of(tilted, "floor_tilt"))
         found = {p["name"]: p["ci95"] for p in like.intervals(like.fit(tilted, FREE + names))}
         inside += sum(low <= 0 <= high for low, high in (found[name] for name in names))
         widest = max(widest, *(found[name][1] - found[name][0] for name in names))

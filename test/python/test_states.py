@@ -61,7 +61,7 @@ def test_the_parameters_of_a_planted_effect_are_found_from_its_neutral_values(na
     off = np.array(noise_free(without)[0].nu) - np.array(runs[0].nu)
     assert np.abs(off).max() > 0.02, "the effect changes the motion"
     start = truth.copy()
-    free = [p["name"] for p in candidates.parameters_of(truth, name)]
+    free = [p.name for p in candidates.parameters_of(truth, name)]
     start.set_value(name + ".c", 0.005)
     start.set_value(name + ".tau", 0.4)
     found = windows.problem(runs, windows.cut(runs)).fit(start, free)

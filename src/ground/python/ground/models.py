@@ -9,6 +9,7 @@ import numpy as np
 
 from ground import _core
 from ground.effect_library.effects import Effect, EffectLike
+from ground.effect_library.parameters import described
 from ground.support import errors, files, origin
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError, core_errors
@@ -182,7 +183,7 @@ class Model(Shown):
     @property
     def values(self) -> Dict[str, float]:
         """Values of all parameters by name, in their units."""
-        return {p["name"]: self.core.value(p["name"]) for p in self.core.parameters()}
+        return {name: self.core.value(name) for name in described(self.core)}
 
     def __getitem__(self, parameter: str) -> float:
         try:
@@ -193,7 +194,7 @@ class Model(Shown):
     def unit(self, parameter: str) -> str:
         """Unit of a parameter."""
         self[parameter]  # raises for an unknown name
-        return str({p["name"]: p["unit"] for p in self.core.parameters()}[parameter])
+        return described(self.core)[parameter].unit
 
     def with_values(self, values: Mapping[str, float] = {}, **more: float) -> "Model":
         """A copy with other values of parameters: {name: value}, name=value. GroundError on unknown names."""
@@ -264,16 +265,16 @@ class Model(Shown):
         """Parameters as a table, indexed by name: value, unit, meaning."""
         import pandas
 
-        described = self.core.parameters()
-        rows = [[self.core.value(p["name"]), p["unit"], p["doc"]] for p in described]
-        index = pandas.Index([p["name"] for p in described], name="parameter")
+        known = described(self.core)
+        rows = [[self.core.value(name), p.unit, p.doc] for name, p in known.items()]
+        index = pandas.Index(list(known), name="parameter")
         return pandas.DataFrame(rows, index=index, columns=["value", "unit", "meaning"])
 
     def lines(self, written: str = "") -> Iterator[str]:
         """Title, effects and parameters."""
         yield "%s, effects: %s" % (self.name, ", ".join(self.effects) or "none")
-        for p in self.core.parameters():
-            yield "%-24s %12.4g %s" % (p["name"], self.core.value(p["name"]), p["unit"])
+        for name, p in described(self.core).items():
+            yield "%-24s %12.4g %s" % (name, self.core.value(name), p.unit)
 
 
 ModelLike = Union[Model, Path]

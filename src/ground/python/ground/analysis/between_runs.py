@@ -17,6 +17,7 @@ from ground.analysis.distributions import chi_squared_above, student_limit
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.score_tests import moved, solve, stepped
 from ground.analysis.search import LEVEL
+from ground.effect_library.parameters import ParameterInfo, described
 from ground.support.annotations import Array, Document
 from ground.support.errors import Diverged
 
@@ -37,13 +38,13 @@ def widened(likelihood: Likelihood, fit: LikelihoodFit, parameters: Sequence[Doc
         return list(parameters)
     weak = WEAK * np.diag(np.maximum(sum(np.diag(of_run["information"]) for of_run in scores), 1e-300))
     own = [_newton(*of_run, weak) for of_run in zip(alone, fits, scores)]
-    described, found = {p["name"]: p for p in fit.model.parameters()}, []
+    known, found = described(fit.model), []
     for p in parameters:
         if p["identified"] and p["name"] in fit.free:
             j = fit.free.index(p["name"])
             first, last = (_told([steps[at] for steps in own], j) for at in (0, -1))
             differ = len(fit.free) * chance(*first) < LEVEL
-            p = _widened(p, described[p["name"]], *last, differ)
+            p = _widened(p, known[p["name"]], *last, differ)
         found.append(p)
     return found
 
@@ -94,17 +95,17 @@ def mean_of(steps: Array, variances: Array) -> Tuple[float, float, float]:
     return float(weights @ steps / weights.sum()), float(half), between
 
 
-def _widened(p: Document, described: Document, steps: Array, variances: Array, differ: bool) -> Document:
+def _widened(p: Document, known: ParameterInfo, steps: Array, variances: Array, differ: bool) -> Document:
     """A parameter. steps, variances: of its coordinate, of each run that tells it; differ: whether these are
     said to differ."""
     if len(steps) < 2:
         return p
     mean, half, between = mean_of(steps, variances)
-    ends = [moved(described, p["value"], by) for by in (mean - half, mean + half)]
+    ends = [moved(known, p["value"], by) for by in (mean - half, mean + half)]
     low, high = (float(end) for end in p["ci95"])
     p = {**p, "ci95": (min(low, *ends), max(high, *ends))}
     certain = steps[variances < 2 * (between + variances.min())]
-    own = [moved(described, p["value"], by) for by in (certain.min(), certain.max())]
+    own = [moved(known, p["value"], by) for by in (certain.min(), certain.max())]
     # equal: they only differ by how far beyond its range they are
     return {**p, "runs": (min(own), max(own))} if differ and own[0] != own[1] else p
 

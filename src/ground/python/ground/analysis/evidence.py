@@ -37,7 +37,7 @@ def trial(name: str, model: _core.Model, parameters: Sequence[Document], gain: f
     """A Trial. model: any with the effect; gain: log-likelihood ratio 2 (L1 - L0) against the model without;
     samples: number of samples of the data."""
     described = candidates.parameters_of(model, name)
-    on_bound = sum(p["neutral"] in (p["lower"], p["upper"]) for p in described)
+    on_bound = sum(p.neutral in (p.lower, p.upper) for p in described)
     bic = float(len(described) * np.log(samples) - gain)
     return Trial(name, parameters, p_value(gain, len(described), on_bound), bic)
 

@@ -8,6 +8,7 @@ from typing import List, Sequence
 import numpy as np
 
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
+from ground.effect_library.parameters import described
 from ground.recordings import scatter, windows
 from ground.support.annotations import Array, Indices
 from ground.support.errors import Diverged
@@ -83,14 +84,13 @@ class Innovations:
     def _jacobian(self, i: int, innovations: Array) -> Array:
         """Changes of the innovations of a run; 0 where one leaves no finite motion."""
         fit, run = self.fit, self.likelihood.runs[i]
-        described = {p["name"]: p for p in fit.model.parameters()}
-        changed = []
+        known, changed = described(fit.model), []
         for name in fit.free:
-            value, p = fit.model.value(name), described[name]
+            value, p = fit.model.value(name), known[name]
             if np.isfinite(value):
-                step = STEP * (abs(value) or p["scale"])
+                step = STEP * (abs(value) or p.scale)
                 model = fit.model.copy()
-                model.set_value(name, value + step if value + step <= p["upper"] else value - step)
+                model.set_value(name, value + step if value + step <= p.upper else value - step)
                 changed.append((self.likelihood, replace(fit, model=model), i))
         late = np.array(run.inputs)
         late[:, 0] += STEP * windows.time_scale([run])

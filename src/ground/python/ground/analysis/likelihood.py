@@ -14,6 +14,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.thinning import thinned
+from ground.effect_library.parameters import ParameterInfo, described
 from ground.recordings import windows
 from ground.support.annotations import Array, Document
 from ground.support.errors import core_errors
@@ -73,23 +74,23 @@ class LikelihoodFit:
     def ratio_without(self, effect: str) -> float:
         """Log-likelihood ratio 2 (L1 - L0) to the model without an effect, by the information
         (Wald)."""
-        described = {p["name"]: p for p in self.model.parameters() if not p["shape"]}
-        at = [i for i, name in enumerate(self.free) if name.split(".")[0] == effect and name in described]
-        own = [described[self.free[i]] for i in at]
-        away = np.array([step(p, p["neutral"], self.model.value(p["name"])) for p in own])
+        known = {name: p for name, p in described(self.model).items() if not p.shape}
+        at = [i for i, name in enumerate(self.free) if name.split(".")[0] == effect and name in known]
+        own = [known[self.free[i]] for i in at]
+        away = np.array([step(p, p.neutral, self.model.value(p.name)) for p in own])
         covariance = np.linalg.pinv(self.information, rcond=1e-10, hermitian=True)[np.ix_(at, at)]
         away = away / self.scale[at]
         return float(away @ np.linalg.lstsq(covariance, away, rcond=1e-10)[0])
 
 
-def step(parameter: Document, first: float, second: float) -> float:
+def step(parameter: ParameterInfo, first: float, second: float) -> float:
     """The step of a parameter's coordinate from one value to another."""
     return float(1 / second - 1 / first if is_reciprocal(parameter) else second - first)
 
 
-def is_reciprocal(parameter: Document) -> bool:
+def is_reciprocal(parameter: ParameterInfo) -> bool:
     """Whether its coordinate is 1 / value: of the inertia, and of what is neutral at infinity."""
-    return bool(np.isinf(parameter["neutral"]) or parameter["name"] == "I_z")
+    return bool(np.isinf(parameter.neutral) or parameter.name == "I_z")
 
 
 class Likelihood:

@@ -315,7 +315,7 @@ class Search:
         start = self.likelihood.box.start(self.likelihood.craft).levels
         is_far = any(base.levels[level] > start[level] for level in ("sigma_X", "sigma_Y"))
         first, *also = self.candidates[name].starts(self.given)
-        own = [p["name"] for p in parameters_of(first, name)]
+        own = [p.name for p in parameters_of(first, name)]
         return is_far and len([*turned(first, own), *also]) > 1
 
     def _far_start(self, name: str, base: LikelihoodFit, added: Sequence[str]) -> _core.Model:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ground import _core
 from ground.effect_library import candidates
+from ground.effect_library.parameters import described
 from ground.recordings import repair, windows
 from ground.support.annotations import Array, Document, Indices, Random
 from ground.support.errors import Diverged, GroundError, core_errors, warn
@@ -159,7 +160,7 @@ def parts_of(runs: Sequence[_core.RunData], cut: Sequence[_core.Window], most: i
 
 def free_parameters(model: _core.Model) -> List[str]:
     """The five nominal parameters and all those of a model's effects."""
-    return list(NOMINAL) + [p["name"] for p in model.parameters() if p["name"].split(".")[0] in model.effects]
+    return list(NOMINAL) + [name for name in described(model) if name.split(".")[0] in model.effects]
 
 
 def channel_errors(

@@ -22,6 +22,7 @@ from ground.analysis.diagnosis import StepwiseDiagnosis
 from ground.analysis.score_tests import solve
 from ground.discovery.information import DECIDED, Basis, Information, Question, Questions
 from ground.discovery.story import ABSENT, HIDDEN, OPEN, PRESENT, SLIGHT, Belief
+from ground.effect_library.parameters import described
 from ground.support.annotations import Array
 
 PRIOR = 0.05  # probability that an effect acts, before the first flight
@@ -231,8 +232,7 @@ class _Known:
     def _coordinate(self, name: str) -> float:
         """Distance of a parameter's coordinate from where it does nothing."""
         model = self.basis.model
-        described = next(p for p in model.parameters() if p["name"] == name)
-        value, neutral = model.value(name), described["neutral"]
+        value, neutral = model.value(name), described(model)[name].neutral
         return float(1 / value if np.isinf(neutral) else value - neutral)
 
 

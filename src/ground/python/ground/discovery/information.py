@@ -59,7 +59,7 @@ class Basis:
             extended = candidate.neutral(extended)
         names, columns = list(free), {}
         for candidate in candidates:
-            described = [p["name"] for p in effects.seen_alone(extended, candidate.name)]
+            described = [p.name for p in effects.seen_alone(extended, candidate.name)]
             described = [name for name in described if name not in constants]
             columns[candidate.name] = list(range(len(names), len(names) + len(described)))
             names += described

@@ -7,6 +7,7 @@ from typing import Callable, Dict, Iterator, List, Optional, Sequence
 import yaml
 
 from ground import _core
+from ground.effect_library.parameters import ParameterInfo, described
 from ground.support.annotations import Document
 from ground.support.errors import GroundError, core_errors
 
@@ -23,7 +24,7 @@ class Candidate:
         """The model with the effect, at the parameters at which it does nothing."""
         extended = self.add(model)
         for parameter in parameters_of(extended, self.name):
-            extended.set_value(parameter["name"], parameter["neutral"])
+            extended.set_value(parameter.name, parameter.neutral)
         return extended
 
     def starts(self, model: _core.Model) -> List[_core.Model]:
@@ -130,19 +131,19 @@ def turned(model: _core.Model, free: Sequence[str]) -> Iterator[_core.Model]:
             yield other
 
 
-def parameters_of(model: _core.Model, effect: str) -> List[Document]:
+def parameters_of(model: _core.Model, effect: str) -> List[ParameterInfo]:
     """Descriptions of an effect's parameters in a model that has it."""
-    return [p for p in model.parameters() if p["name"].split(".")[0] == effect]
+    return [p for name, p in described(model).items() if name.split(".")[0] == effect]
 
 
-def seen_alone(model: _core.Model, effect: str) -> List[Document]:
+def seen_alone(model: _core.Model, effect: str) -> List[ParameterInfo]:
     """Those of an effect's parameters that do something where the effect's others are neutral."""
-    return [p for p in parameters_of(model, effect) if not p["shape"]]
+    return [p for p in parameters_of(model, effect) if not p.shape]
 
 
 def values(model: _core.Model) -> Dict[str, float]:
     """Values of all parameters by name."""
-    return {p["name"]: model.value(p["name"]) for p in model.parameters()}
+    return {name: model.value(name) for name in described(model)}
 
 
 def carried_over(fitted: _core.Model, extended: _core.Model) -> _core.Model:

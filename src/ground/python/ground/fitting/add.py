@@ -236,7 +236,7 @@ def _result(
         noise_floor=float(window_error.noise_floor(seen.data, after.model).sum()),
         folds="each run by a fit to the others" if several else "each quarter by a fit to the rest",
         window=windows.length(seen.data),
-        verdict=_verdict(parameters, {p["name"]: p["neutral"] for p in own}, interval, errors, judged),
+        verdict=_verdict(parameters, {p.name: p.neutral for p in own}, interval, errors, judged),
     )
 
 

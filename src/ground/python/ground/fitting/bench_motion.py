@@ -177,7 +177,7 @@ def _starts(model: _core.Model) -> Iterator[Tuple[str, _core.Model]]:
         for time in STARTS:
             start = candidates.of_library(name).neutral(model)
             (parameter,) = candidates.parameters_of(start, name)
-            start.set_value(parameter["name"], time)
+            start.set_value(parameter.name, time)
             yield name, start
 
 

@@ -12,6 +12,7 @@ from ground.analysis.horizon import PredictionError, as_document
 from ground.analysis.likelihood import step
 from ground.analysis.predicted_band import FitWithout
 from ground.analysis.score_tests import moved
+from ground.effect_library.parameters import described
 from ground.models import Model, Parameter, parameter_frame
 from ground.recordings import windows
 from ground.reports import words
@@ -139,13 +140,13 @@ class Fit(Shown, Plotted):
         if not 0 < level < 1:
             raise GroundError("a level of confidence is between 0 and 1, not %g" % level)
         factor = student_limit(0.5 - level / 2, self.freedom) / student_limit(0.025, self.freedom)
-        described = {p["name"]: p for p in self.model.core.parameters()}
+        known = described(self.model.core)
         frame = self.to_frame()
         for p in self.parameters.values():
             if p.identified:
                 # one end may be that of the range
-                reach = factor * max(abs(step(described[p.name], p.value, end)) for end in p.ci95)
-                ends = sorted(moved(described[p.name], p.value, by) for by in (-reach, reach))
+                reach = factor * max(abs(step(known[p.name], p.value, end)) for end in p.ci95)
+                ends = sorted(moved(known[p.name], p.value, by) for by in (-reach, reach))
                 frame.loc[p.name, ["low", "high"]] = ends
         return frame[["low", "high"]]
 
@@ -186,8 +187,8 @@ class Fit(Shown, Plotted):
     def to_dict(self) -> Document:
         """Plain values, as `identify fit --json` prints them."""
         parameters = {name: asdict(p) for name, p in self.parameters.items()}
-        for described in parameters.values():
-            del described["name"]
+        for values in parameters.values():
+            del values["name"]
         return {
             "parameters": parameters,
             "error": asdict(self.error),

@@ -8,6 +8,7 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 
 from ground.analysis.distributions import normal_limit
+from ground.effect_library.parameters import described
 from ground.ledger import changes, estimates, hierarchy
 from ground.ledger.changes import ParameterChange, Series
 from ground.ledger.hierarchy import Levels, Runs
@@ -63,8 +64,8 @@ class Analysed:
         """A coordinate in scales as a value of the parameter, in its bounds."""
         name, x = self.free[parameter], coordinate * self.scale[parameter]
         flip = estimates.reciprocal(self.model.core, self.free)[parameter]
-        bounds = {p["name"]: (p["lower"], p["upper"]) for p in self.model.core.parameters()}[name]
-        return float(np.clip(1 / x if flip and x else x, *bounds))
+        known = described(self.model.core)[name]
+        return float(np.clip(1 / x if flip and x else x, known.lower, known.upper))
 
     def interval(self, parameter: int, coordinate: float, low: float, high: float) -> Document:
         """Value and interval of a coordinate, an end that is beyond all values is null."""

@@ -15,6 +15,7 @@ import numpy as np
 from ground import _core
 from ground.analysis.likelihood import Likelihood, is_reciprocal
 from ground.analysis.window_error import free_parameters
+from ground.effect_library.parameters import described
 from ground.models import Model
 from ground.recordings import quality, readers, suspicions
 from ground.recordings.mapping import FieldMapping
@@ -150,5 +151,5 @@ def estimate(run: _core.RunData, model: _core.Model, free: Sequence[str]) -> Doc
 
 def reciprocal(model: _core.Model, names: Sequence[str]) -> Array:
     """Whether the coordinate of a parameter is its reciprocal (flags)."""
-    described = {p["name"]: p for p in model.parameters()}
-    return np.array([is_reciprocal(described[name]) for name in names])
+    known = described(model)
+    return np.array([is_reciprocal(known[name]) for name in names])
