@@ -12,7 +12,6 @@ import mistakes
 from conftest import MODEL, SHARED, identify, schema, slow, with_effect, write_bag
 from ground import _core
 from ground.diagnosing import answer, next_experiment
-from ground.effect_library import candidates
 from ground.support.errors import GroundError
 
 WASHBOARD = """

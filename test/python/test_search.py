@@ -12,8 +12,8 @@ def diagnosed(kind, seed):
     """A case of the bench, its Diagnosis and Conclusion."""
     import hidden_cases
     from ground.analysis import diagnosis
-    from ground.effect_library import candidates
     from ground.analysis.verdict import conclude
+    from ground.effect_library import candidates
 
     case = hidden_cases.make(kind, seed)
     fitted, held = hidden_cases.record(case)
