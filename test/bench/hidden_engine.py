@@ -10,9 +10,9 @@ import ground
 from ground.analysis import diagnosis, horizon, window_error
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.verdict import HeldOutRuns, conclude
+from ground.checks import quality
 from ground.data.measured import repaired
 from ground.effect_library import candidates
-from ground.recordings import quality
 from ground.support.errors import GroundError
 from ground.support.progress import Work
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ground.recordings.inertial import InertialSamples
+from ground.poses.inertial import InertialSamples
 
 RATE = 200.0  # of samples [Hz]
 DELAY = 0.005  # from a sample to its stamp [s]

@@ -9,7 +9,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import diagnosis
 from ground.effect_library import candidates
-from ground.recordings import repair
+from ground.poses import repair
 
 RUNS, DURATION, HOLD = 4, 20.0, 0.5  # runs of a case, their length [s], how long commands last [s]
 RATE, STEP = 100.0, 0.005  # rate of the poses [Hz]; step of the integration [s]

@@ -8,8 +8,8 @@ import one_fan
 from conftest import MODEL, ROOT, identify
 from ground import _core
 from ground.analysis import diagnosis
+from ground.checks import suspicions
 from ground.effect_library import candidates
-from ground.recordings import suspicions
 
 CRAFTS = ROOT / "cfg" / "craft"
 ONE_FAN = CRAFTS / "one_fan_rudder.yaml"

@@ -13,7 +13,7 @@ import pytest
 import ground
 from conftest import identify
 from containers import Z_UP, Ros2, experiment, in_mocap, write_bag
-from ground.recordings import bags, definitions, streams
+from ground.reading import bags, definitions, streams
 
 pytest.importorskip("rosbags")
 

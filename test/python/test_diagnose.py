@@ -370,8 +370,9 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(tmp_path, dela
     from ground import _core
     from ground.analysis import diagnosis
     from ground.analysis.verdict import conclude
+    from ground.checks import quality
     from ground.effect_library import candidates
-    from ground.recordings import quality, readers
+    from ground.reading import readers
 
     truth = with_effect(tmp_path / "truth.yaml", "{name: input_delay, delay: %g}" % delay)
     bag = write_bag(tmp_path / "run.bag", seed=seed, duration=duration, model=truth)

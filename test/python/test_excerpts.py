@@ -5,13 +5,13 @@ import pytest
 
 from conftest import ROOT, slow
 from ground import _core
-from ground.analysis import excerpts
+from ground.analysis import excerpts, windows
 from ground.analysis.diagnosis import StepwiseDiagnosis
 from ground.analysis.verdict import conclude
+from ground.checks import quality
 from ground.effect_library import candidates
 from ground.models import Model
-from ground.recordings import quality, windows
-from ground.recordings.recording import Recording
+from ground.reading.recording import Recording
 
 FREE_FLYER = ROOT / "cfg" / "craft" / "free_flyer.yaml"
 VALVES = 8

@@ -9,9 +9,11 @@ import ground
 import hidden_cases
 from conftest import MODEL, identify, slow
 from ground.analysis.likelihood import Likelihood
-from ground.recordings import inertial, quality, readers
-from ground.recordings.inertial import InertialSamples
-from ground.recordings.recording import Recording
+from ground.checks import quality
+from ground.poses import inertial
+from ground.poses.inertial import InertialSamples
+from ground.reading import readers
+from ground.reading.recording import Recording
 from ground.support.errors import GroundError
 
 FREE = ("I_z", "X_u", "Y_v", "N_r", "k")
@@ -67,7 +69,7 @@ def test_a_mapping_leaves_sensors_out_or_names_them(flown, tmp_path):
 
 
 def _mapped(bag, path):
-    from ground.recordings import mapping
+    from ground.reading import mapping
 
     return readers.read(str(bag), mapping.load(str(path)))
 

@@ -10,8 +10,9 @@ import ground
 import jets
 from ground import _core
 from ground.analysis import window_error
+from ground.checks import quality
 from ground.effect_library import candidates
-from ground.recordings import commands, mapping, quality, readers, recording
+from ground.reading import commands, mapping, readers, recording
 from ground.simulation import tracking
 from ground.support.errors import GroundError
 

@@ -17,10 +17,11 @@ from ground.analysis import (
     likelihood,
     run_differences,
     window_error,
+    windows,
 )
 from ground.diagnosing import words
 from ground.effect_library import candidates
-from ground.recordings import repair, windows
+from ground.poses import repair
 from ground.support.errors import Diverged, GroundError, core_error
 
 FREE = window_error.NOMINAL

@@ -9,8 +9,9 @@ import pytest
 import ground
 from conftest import MODEL, identify
 from ground import _core
-from ground.recordings import findings, quality, suspicions, windows
-from ground.recordings.recording import Recording
+from ground.analysis import windows
+from ground.checks import findings, quality, suspicions
+from ground.reading.recording import Recording
 
 
 @dataclass(frozen=True)

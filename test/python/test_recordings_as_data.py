@@ -14,8 +14,9 @@ from geometry_msgs.msg import PointStamped
 import ground
 from conftest import MODEL, identify, simulate_run, write_bag
 from containers import write_csv
+from ground.checks import quality
 from ground.data import measured
-from ground.recordings import headings, quality
+from ground.poses import headings
 from ground.support.progress import Work
 
 START, EARLY = 1000.0, 2.0  # the mocap's clock is behind by EARLY [s]

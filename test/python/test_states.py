@@ -51,8 +51,8 @@ def noise_free(model):
 
 @pytest.mark.parametrize("name, text", [("skirt", SKIRT), ("droop", DROOP)])
 def test_the_parameters_of_a_planted_effect_are_found_from_its_neutral_values(name, text):
+    from ground.analysis import windows
     from ground.effect_library import candidates
-    from ground.recordings import windows
 
     truth = planted(text)
     runs = noise_free(truth)
@@ -85,7 +85,7 @@ effects:
 
 def test_a_window_of_a_motion_begins_with_what_the_motion_before_it_has_left():
     from ground import _core
-    from ground.recordings import windows
+    from ground.analysis import windows
 
     truth = planted(SWINGING)
     runs = noise_free(truth)

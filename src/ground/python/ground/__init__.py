@@ -35,7 +35,7 @@ _PUBLIC = {
     "ledger.history": "history",
     "ledger.result": "History",
     "models": "Fitted Model Parameter Room",
-    "recordings.recording": "Recording",
+    "reading.recording": "Recording",
     "results.load": "load",
     "results.plot": "Figures plot",
     "simulation.simulate": "simulate",
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from ground.ledger.history import history
     from ground.ledger.result import History
     from ground.models import Fitted, Model, Parameter, Room
-    from ground.recordings.recording import Recording
+    from ground.reading.recording import Recording
     from ground.results.load import load
     from ground.results.plot import Figures, plot
     from ground.simulation.simulate import simulate

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from ground import Prediction
     from ground.equations.written import ExportedModel
-    from ground.recordings.recording import Recording
+    from ground.reading.recording import Recording
 
 
 @dataclass(frozen=True, repr=False)

@@ -20,7 +20,7 @@ from ground.analysis.distributions import DEVIATIONS
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.thinning import by_poses_alone
 from ground.analysis.window_error import squared_errors
-from ground.recordings import scatter
+from ground.poses import scatter
 from ground.support.annotations import Array, Each, Flags, Random
 from ground.support.errors import Diverged
 

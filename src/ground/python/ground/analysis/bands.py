@@ -17,10 +17,11 @@ from typing import List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
+from ground.analysis import windows
 from ground.analysis.folds import Folds
 from ground.analysis.likelihood import CAP, LikelihoodFit, call
-from ground.recordings import headings, repair, windows
-from ground.recordings.recording import POSE, VELOCITY
+from ground.poses import headings, repair
+from ground.reading.recording import POSE, VELOCITY
 from ground.support.annotations import Array, Document, Each, Flags
 from ground.support.errors import Diverged
 

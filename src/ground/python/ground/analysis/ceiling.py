@@ -22,7 +22,7 @@ from ground.analysis.samples import Scales
 from ground.analysis.scalars import ARGUMENTS
 from ground.analysis.screening import Screen, refined
 from ground.analysis.window_error import squared_errors
-from ground.recordings import scatter
+from ground.poses import scatter
 from ground.support.annotations import Array
 from ground.support.errors import Diverged
 

@@ -6,12 +6,11 @@ from typing import Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import window_error
+from ground.analysis import window_error, windows
 from ground.analysis.horizon import Starts
 from ground.analysis.judge import Tested
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.thinning import at_samples
-from ground.recordings import windows
 from ground.support.annotations import Array, Document, Each
 from ground.support.errors import Diverged
 

@@ -8,9 +8,9 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import window_error
+from ground.analysis import window_error, windows
 from ground.analysis.likelihood import call
-from ground.recordings import headings, windows
+from ground.poses import headings
 from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import Diverged, GroundError
 

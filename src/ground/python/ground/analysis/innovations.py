@@ -7,9 +7,10 @@ from typing import List, Sequence
 
 import numpy as np
 
+from ground.analysis import windows
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.effect_library.parameters import described
-from ground.recordings import scatter, windows
+from ground.poses import scatter
 from ground.support.annotations import Array, Indices
 from ground.support.errors import Diverged
 

@@ -13,9 +13,9 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Seque
 import numpy as np
 
 from ground import _core
+from ground.analysis import windows
 from ground.analysis.thinning import thinned
 from ground.effect_library.parameters import ParameterInfo, described
-from ground.recordings import windows
 from ground.support.annotations import Array, Document
 from ground.support.errors import core_errors
 

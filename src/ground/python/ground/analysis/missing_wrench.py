@@ -6,9 +6,8 @@ from typing import List, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import residuals
+from ground.analysis import residuals, windows
 from ground.analysis.likelihood import CAP
-from ground.recordings import windows
 from ground.support.annotations import Array, Document
 
 IN_A_ROW = 5  # outliers that make a disturbance

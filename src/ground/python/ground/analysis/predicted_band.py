@@ -14,7 +14,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import headings
+from ground.poses import headings
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 

@@ -13,8 +13,9 @@ import numpy as np
 from scipy import linalg
 
 from ground import _core
+from ground.analysis import windows
 from ground.analysis.likelihood import Likelihood, LikelihoodFit, call
-from ground.recordings import headings, scatter, windows
+from ground.poses import headings, scatter
 from ground.support.annotations import Array
 
 RESTART = 0.25  # time that velocities are simulated from a filtered state [time scales]

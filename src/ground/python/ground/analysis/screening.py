@@ -13,7 +13,7 @@ from typing import Dict, List, NamedTuple, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import channels, dictionary, samples, scalars
+from ground.analysis import channels, dictionary, samples, scalars, windows
 from ground.analysis.channels import Channel
 from ground.analysis.dictionary import Feature
 from ground.analysis.distributions import chi_squared_above
@@ -21,7 +21,7 @@ from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import LEVEL, Regression
 from ground.analysis.samples import Samples, Scales, evaluated
 from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
-from ground.recordings import scatter, windows
+from ground.poses import scatter
 from ground.support.annotations import Array, Indices
 
 BIN = 1 / 30  # samples that are taken together [windows]

@@ -8,14 +8,13 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import bands, between_runs, ceiling, folds, horizon, judge, naming, window_error
+from ground.analysis import bands, between_runs, ceiling, folds, horizon, judge, naming, window_error, windows
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
 from ground.analysis.diagnosis import EXPLAINED, StepwiseDiagnosis
 from ground.analysis.folds import Judged
 from ground.analysis.horizon import PoseError, PredictionError
 from ground.analysis.likelihood import KINDS, Likelihood, LikelihoodFit
-from ground.recordings import windows
 from ground.support.annotations import Array, Document
 from ground.support.errors import Diverged
 

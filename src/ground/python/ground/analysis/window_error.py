@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
+from ground.analysis import windows
 from ground.effect_library import candidates
 from ground.effect_library.parameters import described
-from ground.recordings import repair, windows
+from ground.poses import repair
 from ground.support.annotations import Array, Document, Indices, Random
 from ground.support.errors import Diverged, GroundError, core_errors, warn
 from ground.support.progress import Work

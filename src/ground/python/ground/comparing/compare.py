@@ -35,7 +35,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
 import numpy as np
 
-from ground.analysis import comparison, horizon
+from ground.analysis import comparison, horizon, windows
 from ground.analysis.distributions import mean_not_above_zero, pieces_of
 from ground.analysis.window_error import noise_floor
 from ground.comparing.result import ROLES, Comparison, Ranking, RunComparison, prepare
@@ -50,8 +50,7 @@ from ground.data.measured import (
     taken,
 )
 from ground.models import Model, ModelLike
-from ground.recordings import windows
-from ground.recordings.recording import Recording
+from ground.reading.recording import Recording
 from ground.reports import inspection, result_folder
 from ground.support import command_line, workers
 from ground.support.annotations import Array, Document, Indices

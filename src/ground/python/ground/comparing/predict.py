@@ -9,10 +9,11 @@ from ground import _core
 from ground.analysis import horizon as horizons
 from ground.analysis.predicted_band import Course, FitWithout, beyond, half_width
 from ground.analysis.window_error import FEW_WINDOWS
+from ground.checks import quality
 from ground.data.measured import Part, Recordings, taken
 from ground.models import Model, ModelLike
-from ground.recordings import headings, quality
-from ground.recordings.recording import (
+from ground.poses import headings
+from ground.reading.recording import (
     HIGH,
     LOW,
     POSE,

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 
 import numpy as np
 
+from ground.analysis.tracks import Track
 from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
 from ground.models import Model, ModelLike
-from ground.recordings.tracks import Track
 from ground.reports import result_folder
 from ground.simulation import gains as gain_files
 from ground.simulation import laws, listing, tracking

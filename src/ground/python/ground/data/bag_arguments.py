@@ -7,8 +7,8 @@ from typing import Any, Callable, Iterator, List, Sequence, Type
 
 from ground.data import measured as api
 from ground.data.measured import Part as Part
-from ground.recordings import mapping, run_settings
-from ground.recordings.recording import Recording
+from ground.reading import mapping, run_settings
+from ground.reading.recording import Recording
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.command_line import number, option, positive

@@ -5,11 +5,13 @@ import math
 import os
 from typing import Iterator, List, Sequence
 
+from ground.checks import findings, imitations, layouts, suspicions
 from ground.data import bag_arguments
 from ground.data import measured as api
+from ground.draft import drafts
 from ground.models import Model
-from ground.recordings import drafts, findings, imitations, layouts, mapping, readers, suspicions
-from ground.recordings.gathered import CAME_LATE
+from ground.reading import mapping, readers
+from ground.reading.gathered import CAME_LATE
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.errors import GroundError

@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
 from ground import _core
+from ground.checks import findings, quality, suspicions
+from ground.checks.quality import RepairedRun
 from ground.data import voltage
 from ground.models import Model
-from ground.recordings import findings, quality, readers, smoothed, suspicions
-from ground.recordings.mapping import DEFAULT, FieldMapping, load
-from ground.recordings.quality import RepairedRun
-from ground.recordings.recording import Recording
+from ground.poses import smoothed
+from ground.reading import readers
+from ground.reading.mapping import DEFAULT, FieldMapping, load
+from ground.reading.recording import Recording
 from ground.support.annotations import Path
 from ground.support.command_line import option, positive, seconds
 from ground.support.errors import GroundError, GroundNote, RecordingWarning, warn

@@ -11,6 +11,7 @@ import numpy as np
 
 from ground.analysis import diagnosis
 from ground.analysis.verdict import MISREAD, conclude
+from ground.checks import findings
 from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, Recordings, held_out, measured
 from ground.diagnosing import answer, document
@@ -20,8 +21,7 @@ from ground.diagnosing.result import Diagnosis, prepare
 from ground.effect_library import candidates
 from ground.effect_library.effects import Effect, EffectLike
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
-from ground.recordings import findings
-from ground.recordings.recording import Recording
+from ground.reading.recording import Recording
 from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Array, Document

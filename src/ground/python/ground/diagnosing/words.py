@@ -5,7 +5,7 @@ from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
 
 from ground.analysis.formula_words import WORDS
 from ground.analysis.residuals import UNITS
-from ground.recordings.recording import POSE
+from ground.reading.recording import POSE
 from ground.reports.words import capital, listed, number, off
 from ground.support.annotations import Document
 from ground.support.quantities import quantity, with_interval

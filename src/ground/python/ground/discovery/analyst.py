@@ -6,18 +6,18 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import diagnosis, formula_words, horizon, naming, window_error
+from ground.analysis import diagnosis, formula_words, horizon, naming, window_error, windows
 from ground.analysis.horizon import PoseError, as_document
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.verdict import Conclusion, conclude
+from ground.checks import suspicions
+from ground.checks.quality import repaired
 from ground.discovery import beliefs, information, pieces
 from ground.discovery.beliefs import State
 from ground.discovery.information import Offer, Question
 from ground.discovery.story import Off
 from ground.effect_library import candidates
-from ground.recordings import suspicions, windows
-from ground.recordings.quality import repaired
-from ground.recordings.recording import Recording
+from ground.reading.recording import Recording
 from ground.reports.words import prediction
 from ground.support.annotations import Document
 from ground.support.errors import Diverged

@@ -17,12 +17,12 @@ from typing import Callable, List, Optional
 from ground import _core
 from ground.analysis.horizon import as_document
 from ground.analysis.verdict import MISREAD
+from ground.checks.quality import repaired
 from ground.discovery import analyst, choice, confirmation, tracking
 from ground.discovery.analyst import FlightDiagnosis
 from ground.discovery.flights import CampaignSettings, Flights
 from ground.discovery.laboratory import Laboratory
 from ground.discovery.story import CONFIRM, DECIDE, GIVEN, LEFT, LOOK, SLIGHT, TRACK, Finding, Story
-from ground.recordings.quality import repaired
 from ground.support.progress import Work
 
 LEAVES = ("unexplained", "memory")  # verdicts that leave something to explain

@@ -7,14 +7,14 @@ from typing import Callable, Dict, List, Optional
 import numpy as np
 
 from ground import _core
-from ground.analysis import horizon
+from ground.analysis import horizon, windows
+from ground.checks.quality import repaired
 from ground.discovery import analyst, pieces, tracking
 from ground.discovery.journal import FIRST, Journal
 from ground.discovery.laboratory import Laboratory
 from ground.discovery.story import CONFIRM, GIVEN, TRACK, Flight, Flown, Off, Point, Story, Version
-from ground.recordings import readers, windows
-from ground.recordings.quality import repaired
-from ground.recordings.recording import Recording
+from ground.reading import readers
+from ground.reading.recording import Recording
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 

@@ -14,8 +14,8 @@ from ground.data.measured import taken
 from ground.exporting import viewers
 from ground.exporting.channels import MODELS, NANOSECONDS
 from ground.models import Model, ModelLike, Room
-from ground.recordings import repair
-from ground.recordings.recording import Recording
+from ground.poses import repair
+from ground.reading.recording import Recording
 from ground.support import files
 from ground.support.annotations import Array, Document, Indices, Path
 from ground.support.errors import GroundError

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tupl
 import numpy as np
 
 from ground import _core
-from ground.analysis import distributions, horizon, judge, window_error
+from ground.analysis import distributions, horizon, judge, window_error, windows
 from ground.analysis.horizon import ModelsAt, PredictionError, as_document
 from ground.analysis.window_error import WindowFit
 from ground.data import bag_arguments
@@ -24,7 +24,6 @@ from ground.models import (
     parameter_frame,
     parameters_by_name,
 )
-from ground.recordings import windows
 from ground.reports import words
 from ground.support import command_line
 from ground.support.annotations import Document, Path

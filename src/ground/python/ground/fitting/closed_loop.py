@@ -6,7 +6,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import window_error
-from ground.recordings.quality import RepairedRun
+from ground.checks.quality import RepairedRun
 from ground.support.annotations import Array
 from ground.support.errors import Diverged
 

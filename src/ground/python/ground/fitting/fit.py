@@ -9,17 +9,17 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import comparison, horizon, window_error
+from ground.analysis import comparison, horizon, window_error, windows
 from ground.analysis.distributions import student_outside
 from ground.analysis.horizon import ModelsAt, PredictionError
 from ground.analysis.predicted_band import FitWithout
 from ground.analysis.window_error import WindowFit, WindowFitter
+from ground.checks import quality
 from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, Recordings, held_out, measured
 from ground.fitting import closed_loop, identifiability, priors
 from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model, parameters_by_name
-from ground.recordings import quality, windows
 from ground.support import command_line
 from ground.support.annotations import Document
 from ground.support.command_line import count, option

@@ -5,8 +5,8 @@ from typing import Callable, Dict, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import likelihood, window_error
-from ground.recordings import payloads, windows
+from ground.analysis import likelihood, window_error, windows
+from ground.reading import payloads
 from ground.support.annotations import Document
 from ground.support.errors import Diverged
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence,
 import numpy as np
 
 from ground import _core
+from ground.analysis import windows
 from ground.analysis.distributions import student_limit
 from ground.analysis.horizon import PredictionError, as_document
 from ground.analysis.likelihood import step
@@ -14,7 +15,6 @@ from ground.analysis.predicted_band import FitWithout
 from ground.analysis.score_tests import moved
 from ground.effect_library.parameters import described
 from ground.models import Model, Parameter, parameter_frame
-from ground.recordings import windows
 from ground.reports import words
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import pandas
 
     from ground import Prediction
-    from ground.recordings.recording import Recording
+    from ground.reading.recording import Recording
 
 FAR = 100.0  # ratio to the start value of a parameter at its bound that is none of the craft
 

@@ -15,10 +15,11 @@ import numpy as np
 from ground import _core
 from ground.analysis.likelihood import Likelihood, is_reciprocal
 from ground.analysis.window_error import free_parameters
+from ground.checks import quality, suspicions
 from ground.effect_library.parameters import described
 from ground.models import Model
-from ground.recordings import quality, readers, suspicions
-from ground.recordings.mapping import FieldMapping
+from ground.reading import readers
+from ground.reading.mapping import FieldMapping
 from ground.support import files
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError, sentence

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
-from ground.recordings import bags, readers
-from ground.recordings.mapping import FieldMapping
+from ground.reading import bags, readers
+from ground.reading.mapping import FieldMapping
 from ground.support.errors import GroundError, OptionError
 
 EARLIEST = 946684800.0  # 2000-01-01, before which a stamp is no date [s]

@@ -17,7 +17,7 @@ from ground.ledger.estimates import EstimateTask
 from ground.ledger.finding import Place
 from ground.ledger.result import History, prepare
 from ground.models import Model, ModelLike
-from ground.recordings.mapping import DEFAULT, FieldMapping, load
+from ground.reading.mapping import DEFAULT, FieldMapping, load
 from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Document, Path

@@ -5,8 +5,8 @@ import os
 from typing import Dict, List, Optional, Sequence
 
 from ground import _core
-from ground.recordings import readers
-from ground.recordings.mapping import FieldMapping
+from ground.reading import readers
+from ground.reading.mapping import FieldMapping
 from ground.support.annotations import Document
 from ground.support.errors import GroundError, sentence
 from ground.support.progress import Work

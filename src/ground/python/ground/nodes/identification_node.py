@@ -27,7 +27,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from ground.diagnosing import answer
-from ground.recordings import messages, readers
+from ground.reading import messages, readers
 from ground.reports.words import prediction
 from ground.support import files
 from ground.support.annotations import Document, Message

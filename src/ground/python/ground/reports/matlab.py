@@ -9,7 +9,7 @@ from ground import _core
 from ground.analysis import comparison
 from ground.effect_library.parameters import described
 from ground.models import Model
-from ground.recordings import headings
+from ground.poses import headings
 from ground.support import files
 from ground.support.annotations import Document, Path
 

@@ -12,12 +12,12 @@ from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import messages
-from ground.recordings.battery import Voltage
-from ground.recordings.commands import CHANNELS
-from ground.recordings.inertial import InertialSamples
-from ground.recordings.recording import Recording
-from ground.recordings.run_settings import AXES
+from ground.poses.inertial import InertialSamples
+from ground.reading import messages
+from ground.reading.battery import Voltage
+from ground.reading.commands import CHANNELS
+from ground.reading.recording import Recording
+from ground.reading.run_settings import AXES
 from ground.support import files
 from ground.support.annotations import Array, Message, Path, Time
 from ground.support.origin import digest_of_files

@@ -6,8 +6,8 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from ground import _core
-from ground.recordings import tracks
-from ground.recordings.tracks import Track
+from ground.analysis import tracks
+from ground.analysis.tracks import Track
 from ground.simulation import gains
 from ground.simulation.laws import CheckedLaw
 from ground.support.annotations import Array, Document
