@@ -3,15 +3,8 @@
 from typing import Dict, List, Optional, Sequence
 
 from ground import _core
+from ground.checks.quality import WINDOW
 from ground.support.errors import GroundError, core_errors
-
-WINDOW = 1.5  # length of the windows of the error [time scales]
-
-
-def usual(model: _core.Model) -> float:
-    """Length of the windows of the error that suits a model [s]: long enough for what is missing to show,
-    and short enough that random pushes do not hide it. 1.5 s for a palm-sized hovercraft."""
-    return WINDOW * _core.time_scale(model)
 
 
 def length(runs: Sequence[_core.RunData]) -> float:

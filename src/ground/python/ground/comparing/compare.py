@@ -35,9 +35,10 @@ from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
 import numpy as np
 
-from ground.analysis import comparison, horizon, windows
+from ground.analysis import comparison, horizon
 from ground.analysis.distributions import mean_not_above_zero, pieces_of
 from ground.analysis.window_error import noise_floor
+from ground.checks import quality
 from ground.comparing.result import ROLES, Comparison, Ranking, RunComparison, prepare
 from ground.data import bag_arguments
 from ground.data.measured import (
@@ -130,7 +131,7 @@ def _each_run(
 ) -> Iterator[RunComparison]:
     """The RunComparison of each run, in their order."""
     first = next(iter(models.values()))
-    part = replace(part, window=part.window or windows.usual(first.core))  # the same for all models
+    part = replace(part, window=part.window or quality.usual_window(first.core))  # the same for all models
     recordings = [recording.with_lift_of(first.core) for recording in recordings]
     lengths = [1 + int(recording.duration) for recording in recordings]
     runs = repaired(recordings, work)

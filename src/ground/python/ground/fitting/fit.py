@@ -178,7 +178,7 @@ def _prepared(
     lengths: List[float] = []
     longest = 0.5 * min(float(np.ptp(run.times)) for run in seen.data)
     while True:
-        cut = _recut(seen, given, options, min(windows.usual(model), longest))
+        cut = _recut(seen, given, options, min(quality.usual_window(model), longest))
         if windows.length(cut.data) in lengths:
             break
         lengths.append(windows.length(cut.data))
@@ -187,7 +187,7 @@ def _prepared(
         if kept and _worse(cut.data, found["model"], moved["model"]):
             found, kept, unknown = moved, [], []
         model = found["model"]
-    if windows.usual(model) > longest:
+    if quality.usual_window(model) > longest:
         cut = seen  # too short for this craft: as given
     same = windows.length(cut.data) == windows.length(seen.data)
     return cut, given.core if same else model, kept, unknown
