@@ -16,6 +16,7 @@ from conftest import MODEL, identify, simulate_run, write_bag
 from containers import write_csv
 from ground.checks import quality
 from ground.data import measured
+from ground.data import read as reading
 from ground.poses import headings
 from ground.support.progress import Work
 
@@ -117,12 +118,12 @@ def test_a_recording_of_arrays_is_fitted_like_that_of_a_bag(tmp_path):
 def test_recordings_of_several_reads_need_no_flattening(tmp_path):
     bags = [write_bag(tmp_path / ("%s.bag" % name), duration=4, seed=i) for i, name in enumerate("ab")]
     read = [ground.read(bag) for bag in bags]
-    assert [one.name for one in measured.taken([read, []])] == ["a", "b"]
-    assert measured.taken(read) == measured.taken([*read[0], *read[1]])
+    assert [one.name for one in reading.taken([read, []])] == ["a", "b"]
+    assert reading.taken(read) == reading.taken([*read[0], *read[1]])
     with pytest.raises(ground.GroundError, match="given twice"):
-        measured.taken([read, read[0]])
+        reading.taken([read, read[0]])
     with pytest.raises(ground.GroundError, match="path of its file"):
-        measured.taken([read, 3])
+        reading.taken([read, 3])
 
 
 def test_a_recording_of_a_frame_has_what_the_frame_has():

@@ -21,7 +21,7 @@ _PUBLIC = {
     "comparing.predict": "Prediction predict",
     "fitting.add": "Addition add",
     "discovery.discover": "Discovery discover",
-    "data.measured": "read",
+    "data.read": "read",
     "comparing.compare": "compare",
     "comparing.result": "Comparison RunComparison",
     "control.track": "Tracking track",
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from ground.comparing.predict import Prediction, predict
     from ground.comparing.result import Comparison, RunComparison
     from ground.control.track import Tracking, track
-    from ground.data.measured import read
+    from ground.data.read import read
     from ground.diagnosing.diagnose import diagnose
     from ground.diagnosing.result import Diagnosis
     from ground.discovery.discover import Discovery, discover

@@ -41,15 +41,8 @@ from ground.analysis.window_error import noise_floor
 from ground.checks import quality
 from ground.comparing.result import ROLES, Comparison, Ranking, RunComparison, prepare
 from ground.data import bag_arguments
-from ground.data.measured import (
-    NO_RECORDING,
-    Part,
-    Recordings,
-    note_differences,
-    note_suspicions,
-    repaired,
-    taken,
-)
+from ground.data.measured import Part, note_differences, note_suspicions, repaired
+from ground.data.read import NO_RECORDING, Recordings, taken
 from ground.models import Model, ModelLike
 from ground.reading.recording import Recording
 from ground.reports import inspection, result_folder

@@ -10,7 +10,8 @@ from ground.analysis import horizon as horizons
 from ground.analysis.predicted_band import Course, FitWithout, beyond, half_width
 from ground.analysis.window_error import FEW_WINDOWS
 from ground.checks import quality
-from ground.data.measured import Part, Recordings, taken
+from ground.data.measured import Part
+from ground.data.read import Recordings, taken
 from ground.models import Model, ModelLike
 from ground.poses import headings
 from ground.reading.recording import (

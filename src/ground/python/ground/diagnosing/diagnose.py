@@ -13,7 +13,8 @@ from ground.analysis import diagnosis
 from ground.analysis.verdict import MISREAD, conclude
 from ground.checks import findings
 from ground.data import bag_arguments, voltage
-from ground.data.measured import Measured, Recordings, held_out, measured
+from ground.data.measured import Measured, held_out, measured
+from ground.data.read import Recordings
 from ground.diagnosing import answer, document
 from ground.diagnosing.drawn import REFITTED, Drawn
 from ground.diagnosing.next_experiment import IN_ROOM

@@ -10,7 +10,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import missing_wrench
-from ground.data.measured import taken
+from ground.data.read import taken
 from ground.exporting import viewers
 from ground.exporting.channels import MODELS, NANOSECONDS
 from ground.models import Model, ModelLike, Room

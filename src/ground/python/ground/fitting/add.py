@@ -12,7 +12,8 @@ from ground.analysis import distributions, horizon, judge, window_error, windows
 from ground.analysis.horizon import ModelsAt, PredictionError, as_document
 from ground.analysis.window_error import WindowFit
 from ground.data import bag_arguments
-from ground.data.measured import Measured, Recordings, held_out, measured
+from ground.data.measured import Measured, held_out, measured
+from ground.data.read import Recordings
 from ground.effect_library import candidates
 from ground.effect_library.effects import Effect, EffectLike
 from ground.fitting.result import Change

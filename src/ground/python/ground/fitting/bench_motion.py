@@ -16,7 +16,8 @@ from scipy import stats
 from ground import _core
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.window_error import free_parameters
-from ground.data.measured import Part, Recordings, measured
+from ground.data.measured import Part, measured
+from ground.data.read import Recordings
 from ground.effect_library import candidates
 from ground.fitting import result as fitting
 from ground.models import Model

@@ -16,7 +16,8 @@ from ground.analysis.predicted_band import FitWithout
 from ground.analysis.window_error import WindowFit, WindowFitter
 from ground.checks import quality
 from ground.data import bag_arguments, voltage
-from ground.data.measured import Measured, Recordings, held_out, measured
+from ground.data.measured import Measured, held_out, measured
+from ground.data.read import Recordings
 from ground.fitting import closed_loop, identifiability, priors
 from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model, parameters_by_name

@@ -18,7 +18,7 @@ from ground.analysis.window_error import free_parameters
 from ground.checks import quality, suspicions
 from ground.effect_library.parameters import described
 from ground.models import Model
-from ground.reading import readers
+from ground.reading import readers, recorded_files
 from ground.reading.mapping import FieldMapping
 from ground.support import files
 from ground.support.annotations import Array, Document
@@ -75,7 +75,7 @@ def looked_at(task: EstimateTask) -> Document:
     """What a run recorded, and its estimate if it is wanted, from the cache where they are known. A run that
     cannot be used has the reason under `failed`."""
     try:
-        content = digest_of_files(readers.contents(task.path, task.mapping))
+        content = digest_of_files(recorded_files.contents(task.path, task.mapping))
         parts = [content, repr(task.mapping), task.model, *task.free, task.as_recorded, _core.version, KEPT]
         path = os.path.join(cache_folder(), digest(str(part).encode() for part in parts) + ".json")
         found = kept(path)

@@ -7,13 +7,15 @@ which may drift, is what makes it agree with them over seconds. The fast motion 
 
 import functools
 from dataclasses import dataclass
-from typing import Callable, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.poses import repair
 from ground.support.annotations import Array, Document, Flags
+
+if TYPE_CHECKING:
+    from ground.poses import repair
 
 GRAVITY = 9.80665  # [m/s^2]
 GRID = 0.005  # step of the signals that are compared [s]
@@ -71,7 +73,7 @@ class Calibrated:
         }
 
 
-def calibrate(samples: InertialSamples, motion: repair.Motion, contacts: Sequence[Span] = ()) -> Calibrated:
+def calibrate(samples: InertialSamples, motion: "repair.Motion", contacts: Sequence[Span] = ()) -> Calibrated:
     """Samples in the frame of a run's motion; contacts: spans [s] that do not count. Times stay on the clock
     of the commands."""
     times, first = np.unique(samples.times, return_index=True)
@@ -120,7 +122,7 @@ def _unfit(name: str, share: float, size: float, least: float) -> str:
 class _Compared:
     """The motion by the poses on an even grid of times, smoothed, and the same of a sensor's samples."""
 
-    def __init__(self, motion: repair.Motion, contacts: Sequence[Span], times: Array) -> None:
+    def __init__(self, motion: "repair.Motion", contacts: Sequence[Span], times: Array) -> None:
         start = max(motion.times[0], times[0])
         end = min(motion.times[-1], times[-1])
         self.grid = np.arange(start, end, GRID)
@@ -138,7 +140,7 @@ class _Compared:
         self.push = float(np.sqrt(np.mean(np.var(self.a[some], axis=0)))) if some.any() else 0.0
         self.every = np.flatnonzero(some)[:: 1 + int(some.sum()) // MOST_POINTS]
 
-    def _known(self, motion: repair.Motion, contacts: Sequence[Span]) -> Flags:
+    def _known(self, motion: "repair.Motion", contacts: Sequence[Span]) -> Flags:
         after = np.clip(np.searchsorted(motion.times, self.grid), 1, len(motion.times) - 1)
         good = motion.times[after] - motion.times[after - 1] <= motion.scales.max_gap
         sample = np.clip(np.searchsorted(self.times, self.grid), 1, len(self.times) - 1)

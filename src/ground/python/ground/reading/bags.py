@@ -10,56 +10,22 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.reading import damaged, decoding, definitions, plain_messages, streams, ulogs
+from ground.reading import damaged, decoding, definitions, plain_messages, recorded_files, streams, ulogs
 from ground.reading.containers import RECEIVED, Columns, Container, Topic
 from ground.reading.streams import Source, Stream
 from ground.support.annotations import Indices
 from ground.support.errors import GroundError
 
-METADATA = "metadata.yaml"  #: description of a bag of ROS 2, in its folder
-ROS1, MCAP, SQLITE = b"#ROSBAG V", b"\x89MCAP", b"SQLite format 3"  #: first bytes of files
-MAGICS = (ROS1, MCAP, SQLITE, ulogs.MAGIC)
-SUFFIXES = (".mcap", ".db3")  #: of files of ROS 2
 LATEST = 2**63  # end of the times of receipt that columns hold [ns]
 LISTS = {"tf2_msgs/TFMessage": "transforms", "tf/tfMessage": "transforms"}  # types that are lists of rows
-
-
-def begins(path: str) -> bytes:
-    """The magic bytes with which a bag begins; empty for other files."""
-    if not os.path.isfile(path):
-        return b""
-    with open(path, "rb") as file:
-        start = file.read(max(map(len, MAGICS)))
-    return next((magic for magic in MAGICS if start.startswith(magic)), b"")
-
-
-def is_bag(path: str) -> bool:
-    """Whether a file or folder is a bag, whole or in pieces."""
-    if os.path.isdir(path):
-        return os.path.isfile(os.path.join(path, METADATA)) or bool(pieces(path))
-    return path.endswith(SUFFIXES) or bool(begins(path))
 
 
 def opened(path: str, types: Sequence[str] = ()) -> Container:
     """A bag, or a log of PX4. types: files with definitions of types, or folders of them. GroundError when it
     cannot be read."""
-    if begins(path) == ulogs.MAGIC:
+    if recorded_files.begins(path) == recorded_files.ULOG:
         return ulogs.Ulog(path)
     return Bag(path, definitions.Definitions(types))
-
-
-def pieces(folder: str) -> List[str]:
-    """The files of ROS 2 in a folder that are pieces of one bag: their names differ by their numbers, which
-    count from 0; in order. Empty where they are none."""
-    found: Dict[int, str] = {}
-    stems = set()
-    for entry in os.scandir(folder):
-        parts = re.fullmatch(r"(.*)_(\d+)(\.db3|\.mcap)", entry.name)
-        if entry.is_file() and entry.name.endswith(SUFFIXES):
-            stems.add(parts.group(1, 3) if parts else entry.name)
-            found[int(parts.group(2)) if parts else -1] = entry.path
-    whole = len(stems) == 1 and len(found) > 1 and sorted(found) == list(range(len(found)))
-    return [found[number] for number in sorted(found)] if whole else []
 
 
 class Bag(Container):
@@ -189,16 +155,16 @@ def _opened(path: str) -> Source:
     except ImportError:
         raise streams.missing(path)
     try:
-        if any(os.path.isfile(path + end) and os.path.getsize(path + end) for end in damaged.BESIDE):
+        if any(os.path.isfile(path + end) and os.path.getsize(path + end) for end in recorded_files.BESIDE):
             return damaged.Sqlite(path)
-        sound = streams.Sound(path, begins(path) == ROS1)
+        sound = streams.Sound(path, recorded_files.begins(path) == recorded_files.ROS1)
     except Exception as error:  # rosbags, SQLite and their parsers raise many kinds
         return _salvaged(path, path, error)
-    beside = os.path.join(os.path.dirname(path) or ".", METADATA)
+    beside = os.path.join(os.path.dirname(path) or ".", recorded_files.METADATA)
     if path.endswith(".db3") and os.path.isfile(path) and not os.path.isfile(beside):
         sound.warnings.append(
             "there is no %s beside it: the recorder was perhaps killed, and its last messages may be missing"
-            % METADATA
+            % recorded_files.METADATA
         )
     return sound
 
@@ -208,12 +174,12 @@ def _salvaged(path: str, name: str, cause: Any = "") -> Source:
     GroundError without any message."""
     if os.path.isdir(path):
         return _in_folder(path, cause)
-    scans = {ROS1: damaged.ros1, MCAP: damaged.mcap}
-    magic = begins(path)
+    scans = {recorded_files.ROS1: damaged.ros1, recorded_files.MCAP: damaged.mcap}
+    magic = recorded_files.begins(path)
     found: Optional[Source] = None
     try:
         found = damaged.Damaged(path, scans[magic]) if magic in scans else None
-        found = damaged.Sqlite(path) if magic == SQLITE else found
+        found = damaged.Sqlite(path) if magic == recorded_files.SQLITE else found
     except (OSError, sqlite3.Error) as error:
         cause = cause or error
     if found is None or not any(stream.count for stream in found.streams):
@@ -224,18 +190,18 @@ def _salvaged(path: str, name: str, cause: Any = "") -> Source:
 
 def _in_folder(folder: str, cause: Any) -> Source:
     """The files of a bag of ROS 2 whose description is missing or wrong."""
-    names = [name for name in os.listdir(folder) if name.endswith(SUFFIXES)]
+    names = [name for name in os.listdir(folder) if name.endswith(recorded_files.BAGS)]
     names.sort(key=lambda name: [int(n) for n in re.findall(r"\d+", os.path.splitext(name)[0])][-1:])
     files = [os.path.join(folder, name) for name in names]
     if not files:
         raise GroundError("%s: cannot be read as a bag (%s)" % (folder, definitions.said(cause)))
     found = streams.Pieces([_opened(file) for file in files])
-    found.warnings = [text for text in found.warnings if METADATA not in text]
+    found.warnings = [text for text in found.warnings if recorded_files.METADATA not in text]
     reason = "is missing"
-    if os.path.isfile(os.path.join(folder, METADATA)):
+    if os.path.isfile(os.path.join(folder, recorded_files.METADATA)):
         reason = "cannot be used (%s)" % definitions.said(cause)
     found.warnings.append(
         "%s %s: read from %s as one bag; the last messages may be missing"
-        % (METADATA, reason, ", ".join(os.path.basename(file) for file in files))
+        % (recorded_files.METADATA, reason, ", ".join(os.path.basename(file) for file in files))
     )
     return found

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence,
 
 import numpy as np
 
-from ground.reading import tables
 from ground.support.annotations import Array, Indices
 from ground.support.errors import GroundError, reason
 
 if TYPE_CHECKING:
     import pandas
+
+    from ground.reading import tables
 
 Column = Any  # (n,) array of numbers, times [ns] or texts
 Columns = Dict[str, Column]
@@ -25,7 +26,6 @@ Columns = Dict[str, Column]
 RECEIVED = "received"  #: column of the times of receipt [ns]
 STAMP = "header.stamp"  #: column of the stamps of headers [ns]
 TABLE = "table"  #: type of the "messages" of a CSV or Parquet file
-MAGIC = b"#ROSBAG V"  #: first bytes of bags of ROS 1
 
 
 @dataclass(frozen=True)
@@ -123,9 +123,11 @@ class Tables(Container):
         return TableColumns(self._tables[topic], self._rows)
 
 
-def _table(path: str) -> tables.Table:
+def _table(path: str) -> "tables.Table":
     """The table in a file. GroundError when it cannot be read."""
     import pandas
+
+    from ground.reading import tables  # pandas is slow to load, and bags need no tables
 
     plain = path.lower()[: -len(".gz")] if path.lower().endswith(".gz") else path.lower()
     read = next((READERS[suffix] for suffix in READERS if plain.endswith(suffix)), None)

@@ -17,6 +17,7 @@ import zlib
 from dataclasses import replace
 from typing import Any, BinaryIO, Callable, Dict, Iterator, List, Sequence, Tuple, Union
 
+from ground.reading import recorded_files
 from ground.reading.streams import Row, Source, Stream
 
 LARGE = 1 << 16  # bytes from which it is checked that so many are left
@@ -330,13 +331,10 @@ class Sqlite(Source):
         self._folder.cleanup()
 
 
-BESIDE = ("-wal", "-journal")  #: what SQLite keeps beside a file that is not closed
-
-
 def copied(path: str, folder: str) -> str:
     """A copy of the whole pages of a file of SQLite with what is kept beside it, for SQLite to complete."""
     copy = os.path.join(folder, os.path.basename(path))
-    for end in ("", *BESIDE):
+    for end in ("", *recorded_files.BESIDE):
         if os.path.isfile(path + end):
             shutil.copyfile(path + end, copy + end)
     with open(copy, "r+b") as file:

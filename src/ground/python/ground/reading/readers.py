@@ -1,30 +1,26 @@
 """Reads recordings from files: bags of ROS 1 and 2, MCAP files, and tables."""
 
 import functools
-import glob
 import os
 from dataclasses import replace
-from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
+from typing import Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
 from ground.reading import (
-    bags,
     battery,
     commands,
     containers,
-    damaged,
     gathered,
     instants,
-    pairs,
     pose_columns,
+    recorded_files,
     run_settings,
     sensors,
     transforms,
     units,
 )
-from ground.reading.bags import METADATA
-from ground.reading.containers import FURTHER, RECEIVED, STAMP, SUFFIXES, Columns, Container, Tables
+from ground.reading.containers import RECEIVED, STAMP, Columns, Container, Tables
 from ground.reading.mapping import DEFAULT, HEADER, RECEIPT, Clock, FieldMapping
 from ground.reading.payloads import payload_of
 from ground.reading.recording import Recording, checked
@@ -32,49 +28,14 @@ from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 from ground.support.origin import digest_of_files
 
-NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
 FARTHEST = 1e5  # largest plausible distance from the first pose [m]
-FOREIGN = {  # files that other programs export as tables
-    **dict.fromkeys((".xlsx", ".xls", ".ods"), "the sheet"), ".mat": "its variables",
-    **dict.fromkeys((".h5", ".hdf5", ".pkl"), "its data"),
-    **dict.fromkeys((".bin", ".tlog"), "its messages, by mavlogdump.py for example,"),
-    **dict.fromkeys((".c3d", ".tak"), "the take"), ".qtm": "the measurement as 6D TSV, or it",
-    **dict.fromkeys((".json", ".jsonl", ".feather"), "its rows, by pandas for example,"),
-    **dict.fromkeys((".npz", ".npy"), "its arrays"), ".zip": "its content",
-}  # fmt: skip
 MANY_LOST = 0.1  # share of lost poses from which their axes are checked
 MOST_RAW = 2000  # poses as measured that axes are judged by
 
 
-def _is_table(path: str) -> bool:
-    """Whether a file or folder is read as a table; GroundError where it is neither that nor a bag."""
-    if not os.path.exists(path):
-        raise GroundError("%s: no such file" % path)
-    if bags.is_bag(path):
-        return False
-    is_folder = os.path.isdir(path)
-    if path.lower().endswith((*SUFFIXES, *FURTHER)) or (is_folder and pairs.tables(path)):
-        return True
-    if is_folder:
-        raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
-    if os.path.basename(path) == METADATA:
-        raise GroundError("%s: it is of a bag of ROS 2: give the folder that it is in" % path)
-    what = next((what for end, what in FOREIGN.items() if path.lower().endswith(end)), "")
-    raise GroundError("%s: %s%s" % (path, NO_RECORDING, "; export %s as CSV" % what if what else ""))
-
-
-def contents(path: str, mapping: FieldMapping) -> List[str]:
-    """The files that a recording is read from."""
-    if _is_table(path):
-        return list(dict.fromkeys(pairs.files_of(path, mapping)))
-    if os.path.isdir(path):
-        return sorted(entry.path for entry in os.scandir(path) if entry.is_file())
-    return [path] + [path + end for end in damaged.BESIDE if os.path.isfile(path + end)]
-
-
 def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     """The Recording in a file of any kind, by what the mapping says. Raises GroundError."""
-    is_table = _is_table(path)
+    is_table = recorded_files.is_table(path)
     if is_table and not mapping.of_tables:
         if mapping.file:
             parts = [("poses", mapping.poses.time), *(("commands", p.time) for p in mapping.commands.parts())]
@@ -89,10 +50,10 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
             "%s: %swhich columns are times, poses and commands is not known; identify info %s "
             "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, said, path)
         )
-    files = contents(path, mapping)
+    files = recorded_files.contents(path, mapping)
     if is_table:
-        mapping = pairs.chosen(mapping, pairs.files_of(path, mapping))
-    with Tables(files, mapping.rows) if is_table else bags.opened(path, mapping.types) as container:
+        mapping = recorded_files.chosen(mapping, recorded_files.files_of(path, mapping))
+    with Tables(files, mapping.rows) if is_table else opened(path, mapping.types) as container:
         container.path = path
         container.choose(mapping.namespace, mapping.commands.parts()[0].topic)
         found = of_container(container, mapping)
@@ -100,22 +61,19 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     if mapping.rows:  # one of several runs in a file
         return found
     # The description of a folder is not part of a run: the same run may be given without it.
-    return replace(found, digest=digest_of_files(f for f in files if os.path.basename(f) != METADATA))
+    return replace(
+        found, digest=digest_of_files(f for f in files if os.path.basename(f) != recorded_files.METADATA)
+    )
 
 
 def opened(path: str, types: Sequence[str] = ()) -> Container:
     """All that is in a file or folder, of which a mapping may choose. types: files with definitions of types,
     or folders of them. Raises GroundError."""
-    if _is_table(path):
-        return Tables(pairs.tables(path) if os.path.isdir(path) else [path])
+    if recorded_files.is_table(path):
+        return Tables(recorded_files.tables(path) if os.path.isdir(path) else [path])
+    from ground.reading import bags  # rosbags is slow to load, and tables need no bags
+
     return bags.opened(path, types)
-
-
-def size(path: str) -> int:
-    """Size of a file, or of the files in a folder [bytes]; 0 where there is none."""
-    if os.path.isdir(path):
-        return sum(entry.stat().st_size for entry in os.scandir(path) if entry.is_file())
-    return os.path.getsize(path) if os.path.exists(path) else 0
 
 
 def settings_in(path: str, mapping: FieldMapping = DEFAULT) -> run_settings.Settings:
@@ -287,43 +245,3 @@ def _best(path: str, what: str, ranks: Mapping[str, int], option: str, there: st
             "%s: several topics could be the %s: %s; choose one by %s" % (path, what, named, option)
         )
     return first
-
-
-def listed(paths: Iterable[str], mapping: FieldMapping = DEFAULT) -> List[str]:
-    """The paths with every folder replaced by the recordings in it, by name; GroundError when it has
-    none. A folder with tables only stays what it is unless the mapping says how to pair them."""
-    found: List[str] = []
-    for path in paths:
-        found += _inside(path, mapping) if os.path.isdir(path) else [path]
-    return found
-
-
-def _inside(folder: str, mapping: FieldMapping) -> List[str]:
-    if bags.is_bag(folder):
-        return [folder]
-    found: List[str] = []
-    for suffix in (".bag", ".ulg", *bags.SUFFIXES):
-        found += glob.glob(os.path.join(glob.escape(folder), "*" + suffix))
-    for path in glob.glob(os.path.join(glob.escape(folder), "*.bag.active")):  # left by a killed recorder
-        found += [path] if path[: -len(".active")] not in found else []
-    below = sorted(entry.path for entry in os.scandir(folder) if entry.is_dir())
-    found += [path for path in below if bags.is_bag(path)]
-    if not found and not mapping.of_tables:
-        found = [folder] if any(pairs.tables(path) for path in [folder, *below]) else []
-    elif not found and pairs.named(mapping):
-        for place in [folder, *below]:
-            runs = pairs.within(place, mapping)
-            found += [place] if len(runs) == 1 else [of_poses for of_poses, *_ in runs]
-    elif not found:
-        found = pairs.tables(folder)
-    if not found:
-        raise GroundError("%s: there is no bag or bag of ROS 2 or table in this folder" % folder)
-    return sorted(found)
-
-
-def to_draft(path: str) -> str:
-    """The recording of which a mapping is drafted: a folder, or the first one in it that has tables."""
-    if os.path.isdir(path) and len(pairs.tables(path)) < 2:  # the runs may be folders in it
-        inside = sorted(entry.path for entry in os.scandir(path) if entry.is_dir())
-        return next((found for found in inside if pairs.tables(found)), path)
-    return path

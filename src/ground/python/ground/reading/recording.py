@@ -21,9 +21,7 @@ from typing import (
 import numpy as np
 
 from ground import _core
-from ground.poses import headings, repair, smoothed
 from ground.poses.inertial import InertialSamples
-from ground.poses.low_pass import LowPass
 from ground.reading import units
 from ground.reading.battery import Voltage
 from ground.reading.commands import CHANNELS
@@ -40,6 +38,8 @@ if TYPE_CHECKING:
     import xarray
 
     from ground import Model
+    from ground.poses import repair
+    from ground.poses.low_pass import LowPass
 
 _T = TypeVar("_T")
 
@@ -176,17 +176,21 @@ class Recording(Plotted):
         return digest(np.asarray(array, float).tobytes() for array in arrays)
 
     @functools.cached_property
-    def motion(self) -> repair.Motion:
+    def motion(self) -> "repair.Motion":
         """The repaired poses, and velocities; as before a low-pass of the mocap. GroundError when too little
         of them is left."""
         if "motion" in self.known:
-            return cast(repair.Motion, self.known["motion"])
+            return cast("repair.Motion", self.known["motion"])
+        from ground.poses import smoothed
+
         motion = self.as_before(None)
         found = smoothed.recognised(self.thrust, self.averaged, motion)
         return motion if found is None else self.as_before(found)
 
-    def as_before(self, low_pass: Optional[LowPass]) -> repair.Motion:
+    def as_before(self, low_pass: "Optional[LowPass]") -> "repair.Motion":
         """The repaired poses, and velocities; as before a low-pass of the mocap, or as they were measured."""
+        from ground.poses import repair  # only few uses of a recording need its motion
+
         given = self.name, self.pose_times, self.eta, self.clock_offset, self.noise, self.frame_rate
         return repair.repair(*given, low_pass)
 
@@ -263,6 +267,8 @@ class Recording(Plotted):
         predicted), of `predict` with that horizon [s]; NaN where it predicts nothing. GroundError when
         poses cannot be repaired."""
         import pandas
+
+        from ground.poses import headings, repair
 
         if raw:
             times = repair.on_commands_clock(self.pose_times, self.clock_offset)

@@ -9,7 +9,6 @@ import numpy as np
 from ground.reading.containers import RECEIVED, Columns, Container, Topic
 from ground.support.errors import GroundError
 
-MAGIC = b"ULog\x01\x12\x35"  #: first bytes of such a log
 TIME = "timestamp"  # field of all messages [us]
 # Counters of resets of the estimator, and what each moves: a number, and by how much it was moved last
 RESETS = {
