@@ -90,13 +90,14 @@ def screening(table):
     import time
 
     import hidden_cases
-    from ground.analysis import candidates, diagnosis
+    from ground.analysis import diagnosis
     from ground.analysis.score_tests import ScoreTests
+    from ground.effect_library import candidates
 
     case = hidden_cases.make("disturbed_single", 1)
     runs, model = hidden_cases.record(case)[0], hidden_cases.given_model(case)
     every, times = candidates.library(model), []
-    whole = diagnosis.Diagnosis(runs, model, every, threads=1)
+    whole = diagnosis.StepwiseDiagnosis(runs, model, every, threads=1)
     for _ in range(5):
         begin = time.perf_counter()
         ScoreTests(whole.likelihood, whole.fit, every)

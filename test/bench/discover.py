@@ -60,10 +60,10 @@ def run_case(job):
     place = _core.load_room(ROOM)
     start = time.perf_counter()
     lab = discover_lab.HiddenLaboratory(case, model, place)
-    settings = flights.Settings(budget=cases.KINDS[kind][2], seed=seed)
+    settings = flights.CampaignSettings(budget=cases.KINDS[kind][2], seed=seed)
     result = dict(case.describe(), chooser=chooser)
     try:
-        found = campaign.Discovery(model, lab, settings, choose=CHOOSERS[chooser], threads=1)
+        found = campaign.FlightCampaign(model, lab, settings, choose=CHOOSERS[chooser], threads=1)
         told = found.run()
         result["seconds"] = time.perf_counter() - start
         result.update(_flights(told), found=_answer(found))
@@ -99,7 +99,7 @@ def _flights(told):
 
 
 def _answer(found):
-    """The last answer of a campaign.Discovery, as hidden_score reads it."""
+    """The last answer of a campaign.FlightCampaign, as hidden_score reads it."""
     last, told = found.found, found.story
     if last is None:
         return {"chosen": [], "groups": {}, "verdict": "", "where": [], "heldout": []}

@@ -9,7 +9,8 @@ from the initial velocities that fit best.
 import numpy as np
 
 import hidden_craft
-from ground.recordings import quality, windows
+from ground.analysis import windows
+from ground.checks import quality
 from ground.simulation.experiments import START
 
 STEPS = 1e-3  # change of an initial velocity for a derivative [m/s], [rad/s]

@@ -21,8 +21,8 @@ import hidden_noise
 import hidden_pilot
 import hidden_share
 from ground import _core
-from ground.recordings import quality
-from ground.recordings.recording import Recording
+from ground.checks import quality
+from ground.reading.recording import Recording
 from ground.simulation import experiments
 from ground.support.errors import GroundError
 from hidden_effects import in_turn

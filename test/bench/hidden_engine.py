@@ -7,11 +7,12 @@ import time
 import warnings
 
 import ground
-from ground.analysis import candidates, diagnosis, horizon, window_error
+from ground.analysis import diagnosis, horizon, window_error
 from ground.analysis.likelihood import Likelihood
-from ground.analysis.verdict import HeldOut, conclude
+from ground.analysis.verdict import HeldOutRuns, conclude
+from ground.checks import quality
 from ground.data.measured import repaired
-from ground.recordings import quality
+from ground.effect_library import candidates
 from ground.support.errors import GroundError
 from ground.support.progress import Work
 
@@ -40,7 +41,7 @@ def diagnose(runs, heldout, model):
     """
     start = time.perf_counter()
     try:
-        found = diagnosis.Diagnosis(runs, model, candidates.library(model), threads=1)
+        found = diagnosis.StepwiseDiagnosis(runs, model, candidates.library(model), threads=1)
         found.grow()
         conclusion = conclude(found, heldout)
     except GroundError as error:
@@ -49,7 +50,7 @@ def diagnose(runs, heldout, model):
 
 
 def _answer(found, conclusion):
-    """The plain values of a diagnosis.Diagnosis and its conclusion."""
+    """The plain values of a diagnosis.StepwiseDiagnosis and its conclusion."""
     return {
         "verdict": conclusion.verdict,
         "chosen": [c.name for c in found.chosen],
@@ -90,7 +91,7 @@ def _ceiling(found, conclusion):
     if formula:
         tested = conclusion.tested
         kept = (
-            float(HeldOut(found, tested).error(formula.fit).sum())
+            float(HeldOutRuns(found, tested).error(formula.fit).sum())
             if tested
             else float(found.folds.judge(formula.fit).heldout.sum())
         )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ground.recordings.inertial import Samples
+from ground.poses.inertial import InertialSamples
 
 RATE = 200.0  # of samples [Hz]
 DELAY = 0.005  # from a sample to its stamp [s]
@@ -31,6 +31,6 @@ def measured(random, motion, end):
 
 
 def samples(random, motion, end, origin):
-    """The Samples of a run whose clock is 0 at `origin` [s]."""
+    """The InertialSamples of a run whose clock is 0 at `origin` [s]."""
     stamps, turn, push = measured(random, motion, end)
-    return Samples(origin + stamps, turn, push, "hidden_inertial")
+    return InertialSamples(origin + stamps, turn, push, "hidden_inertial")

@@ -6,8 +6,7 @@ import numpy as np
 import hidden_craft
 import hidden_effects
 from ground import _core
-from ground.analysis import window_error
-from ground.recordings import windows
+from ground.analysis import window_error, windows
 from ground.simulation import experiments
 
 STEPS = 12  # largest number of Gauss-Newton steps

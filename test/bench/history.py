@@ -32,10 +32,10 @@ import hidden_cases
 import hidden_craft
 import hidden_effects
 import hidden_noise
+from ground.checks import quality
 from ground.ledger import analysed, estimates
 from ground.models import Model
-from ground.recordings import quality
-from ground.recordings.recording import Recording
+from ground.reading.recording import Recording
 from ground.simulation import experiments
 from shares import share
 

@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, diagnosis
-from ground.recordings import repair
+from ground.analysis import diagnosis
+from ground.effect_library import candidates
+from ground.poses import repair
 
 RUNS, DURATION, HOLD = 4, 20.0, 0.5  # runs of a case, their length [s], how long commands last [s]
 RATE, STEP = 100.0, 0.005  # rate of the poses [Hz]; step of the integration [s]
@@ -89,7 +90,7 @@ def diagnosed(seed, model, threads=0):
     """What a case hides, and the effects that its diagnosis finds."""
     kind, jet = kind_of(seed)
     runs = runs_of(Plate(model, kind, jet), np.random.default_rng(seed))
-    found = diagnosis.Diagnosis(runs, model, candidates.library(model), threads=threads)
+    found = diagnosis.StepwiseDiagnosis(runs, model, candidates.library(model), threads=threads)
     found.grow()
     hidden = "%s_%s" % (kind, model.thrusters[jet]["name"])
     name = next(iter(found.names), "")

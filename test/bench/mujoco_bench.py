@@ -19,7 +19,7 @@ import hidden_score as score
 import hidden_table
 import mujoco_cases
 import resumed
-from ground.recordings import windows
+from ground.analysis import windows
 from ground.support import workers
 from hidden_table import Row
 

@@ -14,8 +14,8 @@ import numpy as np
 import hidden_cases as cases
 import hidden_craft
 import hidden_noise
-from ground.recordings import quality
-from ground.recordings.recording import Recording
+from ground.checks import quality
+from ground.reading.recording import Recording
 from ground.simulation import experiments
 from ground.support.errors import GroundError
 from hidden_effects import in_turn

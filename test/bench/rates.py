@@ -18,10 +18,10 @@ from scipy import stats
 
 import ground
 from ground import _core
-from ground.analysis import agreement, bands, between_runs, distributions, likelihood, window_error
+from ground.analysis import agreement, bands, between_runs, distributions, likelihood, window_error, windows
 from ground.comparing import compare
 from ground.fitting import fit, priors, thrust_bench
-from ground.recordings import repair, windows
+from ground.poses import repair
 
 LEVEL = 0.01  # of all rates together
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # of poses [m], [m], [rad]

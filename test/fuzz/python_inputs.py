@@ -19,17 +19,17 @@ import atheris
 
 with atheris.instrument_imports(include=["ground"]):
     from ground import cli
+    from ground.checks import quality
     from ground.data import import_csv
+    from ground.draft import drafts
     from ground.exporting import viewers
     from ground.mocap import natnet
-    from ground.recordings import (
+    from ground.reading import (
         bags,
         containers,
         decoding,
         definitions,
-        drafts,
         mapping,
-        quality,
         readers,
         run_settings,
         streams,

@@ -167,7 +167,7 @@ def simulate_run(duration=8.0, seed=1, noise=1.0, model=MODEL, strength=1.0, nu=
 def run_data(duration=8.0, seed=1, noise=1.0, truth=None, kept=slice(None)):
     """_core.RunData of a simulated run, perhaps of another craft; kept: which poses remain."""
     from ground import _core
-    from ground.recordings import repair
+    from ground.poses import repair
 
     times, eta, inputs = simulate_run(duration, seed, noise)
     levels = np.array([3e-4, 3e-4, 5e-3])
@@ -189,7 +189,7 @@ def with_effect(path, entry):
 
 def recording_of(times, eta, inputs, **more):
     """A Recording of stamps (n,), poses (n, 3) and rows of stamp and commands."""
-    from ground.recordings.recording import Recording
+    from ground.reading.recording import Recording
 
     return Recording("run", times, eta, inputs[:, 0], inputs[:, 1:], "made up", **more)
 

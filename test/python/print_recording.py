@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 from ground import _core
-from ground.recordings import bags, readers
+from ground.reading import bags, readers
 
 
 def plain(value):

@@ -7,8 +7,9 @@ import ground
 import one_fan
 from conftest import MODEL, ROOT, identify
 from ground import _core
-from ground.analysis import candidates, diagnosis
-from ground.recordings import suspicions
+from ground.analysis import diagnosis
+from ground.checks import suspicions
+from ground.effect_library import candidates
 
 CRAFTS = ROOT / "cfg" / "craft"
 ONE_FAN = CRAFTS / "one_fan_rudder.yaml"
@@ -56,7 +57,7 @@ def test_a_fit_recovers_the_craft(model):
 def test_a_diagnosis_names_the_offset_of_a_rudder(model):
     craft = one_fan.OneFan(model, offset=np.radians(4))
     runs = one_fan.runs_of(craft, np.random.default_rng(7), count=3, duration=12.0)
-    found = diagnosis.Diagnosis(runs, model, candidates.library(model))
+    found = diagnosis.StepwiseDiagnosis(runs, model, candidates.library(model))
     found.grow()
     assert list(found.names) == ["angle_offset_rudder"]
     values = {p["name"]: p["value"] for p in found.fit.parameters}

@@ -6,8 +6,8 @@ import pytest
 import ground
 from conftest import ROOT, SHARED
 from ground import _core
-from ground.recordings import suspicions
-from ground.recordings.recording import Recording
+from ground.checks import suspicions
+from ground.reading.recording import Recording
 
 ESSO = SHARED.parent / "others" / "frt_ds_esso"
 MAPPING = """

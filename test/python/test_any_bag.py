@@ -13,7 +13,7 @@ import pytest
 import ground
 from conftest import identify
 from containers import Z_UP, Ros2, experiment, in_mocap, write_bag
-from ground.recordings import bags, definitions
+from ground.reading import bags, definitions, streams
 
 pytest.importorskip("rosbags")
 
@@ -183,7 +183,7 @@ def test_a_hash_of_another_definition_is_noticed(tmp_path):
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg("float64 x\nfloat64 y\n", "own_msgs/msg/Two"))
-    stream = definitions.Stream(
+    stream = streams.Stream(
         0, "/two", "own_msgs/msg/Two", "cdr", digest=store.hash_rihs01("own_msgs/msg/Two")
     )
     for text in ("float64 x\nfloat64 y\n", "float64 y\nfloat64 x\n"):

@@ -15,10 +15,11 @@ import pytest
 
 import ground
 from conftest import MODEL, ROOT, identify, slow, write_bag
+from ground.support.public import HOMES
 
 GAINS = ROOT / "cfg" / "gains" / "tiny_whoover.yaml"
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
-MODULES = sorted({home for home in ground._HOMES.values()})
+MODULES = sorted(set(HOMES.values()))
 HIDDEN = 2e-5  # constant yaw moment of the simulated craft [N m]
 
 
@@ -43,7 +44,7 @@ def test_examples_hold(name, flown, tmp_path, monkeypatch):
     }
     found = doctest.testmod(module, extraglobs=files)
     assert found.failed == 0
-    public = [n for n in ground.__all__ if ground._HOMES[n] == name]
+    public = [n for n in ground.__all__ if HOMES[n] == name]
     verbs = [n for n in public if n.islower()]
     assert found.attempted >= 2 * len(verbs), "a public function has no example"
 
@@ -56,7 +57,7 @@ def test_every_public_name_has_an_example():
 
 
 def test_every_public_name_is_described_and_has_a_home():
-    assert sorted(ground._HOMES) == sorted(ground.__all__)
+    assert sorted(HOMES) == sorted(ground.__all__)
     for name in ground.__all__:
         assert getattr(ground, name).__doc__, name
     with pytest.raises(AttributeError, match="no attribute 'fitt'"):

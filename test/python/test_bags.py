@@ -10,7 +10,7 @@ import rosbag
 
 import ground
 from conftest import identify, write_bag
-from ground.recordings import bags, containers, messages, readers
+from ground.reading import bags, containers, messages, readers
 from ground.support.errors import GroundError
 
 KINDS = {

@@ -8,12 +8,11 @@ import pytest
 import hidden_cases
 from conftest import slow
 from ground import _core
-from ground.analysis import bands, folds, window_error
+from ground.analysis import bands, folds, window_error, windows
 from ground.analysis.horizon import Starts
 from ground.analysis.likelihood import Likelihood
 from ground.diagnosing import words
-from ground.recordings import windows
-from ground.recordings.recording import POSE, VELOCITY
+from ground.reading.recording import POSE, VELOCITY
 from ground.reports import figures
 
 SEEDS = range(6)

@@ -8,7 +8,7 @@ import pytest
 
 import ground
 from conftest import identify
-from ground.recordings import findings, quality
+from ground.checks import findings, quality
 from ground.simulation import gains, tracking
 from ground.support.errors import GroundError, OptionError
 

@@ -10,13 +10,13 @@ import yaml
 from conftest import MODEL, ROOT, identify, write_bag
 from ground import _core
 from ground.analysis import (
-    candidates,
     channels,
     dictionary,
     naming,
     samples,
     scalars,
     window_error,
+    windows,
 )
 from ground.analysis.agreement import agreement
 from ground.analysis.ceiling import ceiling
@@ -24,7 +24,8 @@ from ground.analysis.innovations import Innovations
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
 from ground.analysis.window_error import squared_errors
-from ground.recordings import headings, repair, windows
+from ground.effect_library import candidates
+from ground.poses import headings, repair
 
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]
 TABLE = ROOT / "cfg" / "craft" / "air_table.yaml"

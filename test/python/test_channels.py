@@ -5,9 +5,10 @@ import pytest
 
 from conftest import MODEL, simulate_run
 from ground import _core
-from ground.recordings import findings, mapping
-from ground.recordings.quality import repaired
-from ground.recordings.recording import checked
+from ground.checks import findings
+from ground.checks.quality import repaired
+from ground.reading import mapping
+from ground.reading.recording import checked
 from ground.support.errors import GroundError
 
 NAMES = ("lift", "back_right", "back_left", "front")

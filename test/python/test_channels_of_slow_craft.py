@@ -6,8 +6,8 @@ import pytest
 import ground
 from conftest import MODEL
 from ground import _core
-from ground.recordings import findings, quality, suspicions
-from ground.recordings.recording import Recording
+from ground.checks import findings, quality, suspicions
+from ground.reading.recording import Recording
 
 RUNS, DURATION, RATE = 6, 80.0, 10.0  # short runs of a table with 10 rows a second; fixes come at 5 Hz
 CATAMARAN = MODEL.parent.parent / "craft" / "twin_screw_catamaran.yaml"

@@ -16,8 +16,8 @@ import ground
 from conftest import MODEL, identify
 from containers import OPTITRACK, Z_UP, Ros2, experiment, in_mocap, set_pose, write_bag, write_csv
 from ground import _core
-from ground.recordings import commands
-from ground.recordings.containers import Topic
+from ground.reading import commands
+from ground.reading.containers import Topic
 
 HEAD = "schema: ground/mapping/1\n"
 

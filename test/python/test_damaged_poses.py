@@ -11,8 +11,8 @@ import pytest
 
 import ground
 from conftest import MODEL, ROOT, SHARED
+from ground.checks.quality import RepairedRun
 from ground.data import import_csv
-from ground.recordings.quality import RepairedRun
 from ground.support.errors import GroundError
 
 DATA = ROOT.parent / "shared" / "data"

@@ -6,7 +6,7 @@ import pytest
 import ground
 from conftest import MODEL
 from ground import _core
-from ground.recordings import findings, quality, suspicions
+from ground.checks import findings, quality, suspicions
 from test_hulls import boat, recorded
 
 MOMENT = 2e-5  # constant yaw moment of the craft, which its model does not have [N m]

@@ -11,7 +11,6 @@ import ground
 import mistakes
 from conftest import MODEL, SHARED, identify, schema, slow, with_effect, write_bag
 from ground import _core
-from ground.analysis import candidates
 from ground.diagnosing import answer, next_experiment
 from ground.support.errors import GroundError
 
@@ -371,14 +370,16 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(tmp_path, dela
     from ground import _core
     from ground.analysis import diagnosis
     from ground.analysis.verdict import conclude
-    from ground.recordings import quality, readers
+    from ground.checks import quality
+    from ground.effect_library import candidates
+    from ground.reading import readers
 
     truth = with_effect(tmp_path / "truth.yaml", "{name: input_delay, delay: %g}" % delay)
     bag = write_bag(tmp_path / "run.bag", seed=seed, duration=duration, model=truth)
     runs = [quality.repaired(readers.read(str(bag))).data(_core.load_model(str(MODEL)))]
     model = _core.load_model(str(MODEL))
     tried = [c for c in candidates.library(model) if c.name in ("input_delay", "wind")]
-    found = diagnosis.Diagnosis(runs, model, tried)
+    found = diagnosis.StepwiseDiagnosis(runs, model, tried)
     found.grow()
     assert conclude(found).verdict == verdict, [(t.name, t.p_value) for t in found.tried]
     if delay == 0.001:

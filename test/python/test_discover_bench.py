@@ -14,8 +14,8 @@ import hidden_craft
 import hidden_score
 from conftest import slow
 from ground import _core
+from ground.checks.quality import repaired
 from ground.discovery import analyst
-from ground.recordings.quality import repaired
 from ground.simulation import experiments
 
 ROOM = _core.load_room(discover.ROOM)

@@ -13,16 +13,16 @@ import pytest
 import ground
 from conftest import MODEL, ROOT, identify, schema, slow
 from ground import _core
-from ground.analysis import candidates
 from ground.analysis.likelihood import Likelihood
 from ground.discovery import answer, beliefs, campaign, choice, flights, information, tracking, words
 from ground.discovery.analyst import Analyst
-from ground.discovery.campaign import Discovery
-from ground.discovery.flights import Settings
+from ground.discovery.campaign import FlightCampaign
+from ground.discovery.flights import CampaignSettings
 from ground.discovery.journal import Journal
 from ground.discovery.laboratory import Landed
 from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import CONFIRM, GIVEN, PRESENT, SLIGHT, TRACK, Flown, Story, Version
+from ground.effect_library import candidates
 from ground.simulation import experiments
 from test_identify import fails
 
@@ -376,7 +376,7 @@ def swift(monkeypatch):
     def begin(folder, settings=None, told=None, kind=SwiftLaboratory):
         folder.mkdir(exist_ok=True)
         lab = laboratory(craft(), folder, kind=kind)
-        return Discovery(given(), lab, settings, str(folder), told, choose=short, threads=1)
+        return FlightCampaign(given(), lab, settings, str(folder), told, choose=short, threads=1)
 
     return begin
 
@@ -414,7 +414,7 @@ def test_a_discovery_killed_anywhere_ends_as_if_it_had_not_been(tmp_path, swift)
 def test_nothing_is_sure_or_confirmed_while_something_is_left(tmp_path, swift, monkeypatch, verdict):
     monkeypatch.setattr(RoughAnalyst, "verdict", verdict)
     monkeypatch.setattr(RoughAnalyst, "is_left_open", True)
-    story = swift(tmp_path, Settings(budget=50.0, track=False)).run()
+    story = swift(tmp_path, CampaignSettings(budget=50.0, track=False)).run()
     assert story.ended and not story.sure and story.verdict == verdict
     assert story.confirmation is None and story.needed
     said = dict(answer.lines(story, None))
@@ -423,7 +423,7 @@ def test_nothing_is_sure_or_confirmed_while_something_is_left(tmp_path, swift, m
 
 
 def test_it_ends_with_its_budget(tmp_path, swift):
-    story = swift(tmp_path, Settings(budget=34.0)).run()
+    story = swift(tmp_path, CampaignSettings(budget=34.0)).run()
     assert story.ended and not story.sure and "budget of 34 s is used up" in story.reason
     flown = 0.0
     for flight in story.flights:  # none begins that is expected to exceed the budget
@@ -468,7 +468,7 @@ class Refusing(SwiftLaboratory):
 
 
 def test_controllers_that_refuse_a_model_keep_theirs(tmp_path, swift):
-    story = swift(tmp_path, Settings(budget=40.0, track=False), kind=Refusing).run()
+    story = swift(tmp_path, CampaignSettings(budget=40.0, track=False), kind=Refusing).run()
     assert len(story.versions) > 1 and story.in_use == GIVEN
     assert all(flown.controlled_by == GIVEN for flown in story.flights)
 
@@ -478,7 +478,7 @@ def test_controllers_that_refuse_a_model_keep_theirs(tmp_path, swift):
 
 def test_a_craft_that_misses_nothing_is_complete():
     lab = laboratory(craft(), seed=2)
-    story = Discovery(given(), lab, Settings(track=False), threads=1).run()
+    story = FlightCampaign(given(), lab, CampaignSettings(track=False), threads=1).run()
     assert (story.verdict, story.findings[-1].effects, story.sure) == ("complete", [], True)
     assert not any(flown.flight.purpose == TRACK for flown in story.flights)
 
@@ -503,7 +503,7 @@ def test_what_no_effect_explains_becomes_a_formula_in_words(tmp_path):
 
     def begin(told=None):
         lab = laboratory(truth, tmp_path, seed=3)
-        return Discovery(given(), lab, Settings(track=False), str(tmp_path), told, threads=1)
+        return FlightCampaign(given(), lab, CampaignSettings(track=False), str(tmp_path), told, threads=1)
 
     with pytest.raises(Killed):
         begin(kill).run()

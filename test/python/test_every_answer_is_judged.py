@@ -10,7 +10,7 @@ from conftest import MODEL
 from ground.analysis import judge
 from test_simulation_search import LIFT, grown, runs_of
 
-VETO = judge.Comparison("worse", -1.0, 0.1, 1.0, 0.1)
+VETO = judge.PairedComparison("worse", -1.0, 0.1, 1.0, 0.1)
 PLACES = ("ground.analysis.judge.compared", "ground.analysis.diagnosis.compared")
 
 

@@ -118,7 +118,7 @@ def test_the_blocks_of_python_of_a_page_run(page, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["missing.py", "compare/run1.wrench.fitted.csv", "missing.png"])
     monkeypatch.setattr(plotly.basedatatypes.BaseFigure, "show", lambda figure: figure.to_json())
     if importlib.util.find_spec("xarray") is None:
-        monkeypatch.setattr("ground.recordings.recording.Recording.to_xarray", lambda run: None)
+        monkeypatch.setattr("ground.reading.recording.Recording.to_xarray", lambda run: None)
     (tmp_path / "cfg").symlink_to(ROOT / "cfg")
     names, missing = {}, []
     exec(compile(BEFORE.get(name_of(page), ""), "before the blocks", "exec"), names)

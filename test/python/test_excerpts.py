@@ -5,12 +5,13 @@ import pytest
 
 from conftest import ROOT, slow
 from ground import _core
-from ground.analysis import candidates, excerpts
-from ground.analysis.diagnosis import Diagnosis
+from ground.analysis import excerpts, windows
+from ground.analysis.diagnosis import StepwiseDiagnosis
 from ground.analysis.verdict import conclude
+from ground.checks import quality
+from ground.effect_library import candidates
 from ground.models import Model
-from ground.recordings import quality, windows
-from ground.recordings.recording import Recording
+from ground.reading.recording import Recording
 
 FREE_FLYER = ROOT / "cfg" / "craft" / "free_flyer.yaml"
 VALVES = 8
@@ -78,7 +79,7 @@ def test_all_of_long_runs_take_part_and_no_more_than_needed(long_runs):
 def test_a_free_flyer_is_diagnosed_by_parts_of_its_runs(long_runs):
     given = free_flyer()
     tried = [c for c in candidates.library(given) if c.name in TRIED]
-    found = Diagnosis(long_runs, given, tried)
+    found = StepwiseDiagnosis(long_runs, given, tried)
     found.grow()
     concluded = conclude(found)
     assert found.is_excerpt and found.names == {"marker_offset", "floor_tilt"}

@@ -18,7 +18,7 @@ import rosbag
 from conftest import MODEL, ROOT, free_port, simulate_run, write_bag
 from ground import cli
 from ground.data import info
-from ground.recordings import messages as topics
+from ground.reading import messages as topics
 from ground.support import workers
 from ground.support.errors import GroundError
 from test_identify import write_csv

@@ -9,7 +9,8 @@ import pytest
 
 from conftest import MODEL, with_effect, write_bag
 from ground import _core
-from ground.recordings import quality, readers
+from ground.checks import quality
+from ground.reading import readers
 from ground.reports import (
     figures,
     inspection,

@@ -11,9 +11,9 @@ import pytest
 import ground
 from conftest import MODEL, recording_of, simulate_run
 from ground import _core
+from ground.checks import quality
 from ground.fitting import closed_loop
 from ground.models import Model
-from ground.recordings import quality
 
 NOMINAL = ("I_z", "X_u", "Y_v", "N_r", "k")
 START = {"I_z": 6e-5, "X_u": 0.01, "Y_v": 0.02, "N_r": 3e-5, "k": 0.05}

@@ -5,26 +5,44 @@ import collections
 import re
 
 from conftest import ROOT
+from ground.support.public import HOMES
 
 SOURCES = ROOT / "src" / "ground"
 
 
-def python_imports():
-    """Modules of the package and those of it that each imports, in functions and for type checkers, too."""
+def python_modules():
+    """The modules of the package and their syntax trees, without `ground` itself, which is above all."""
     package = SOURCES / "python" / "ground"
-    modules = {}
     for path in package.rglob("*.py"):
         parts = ["ground", *path.relative_to(package).with_suffix("").parts]
-        modules[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    modules.pop("ground")  # its names are loaded on first use
-    for name, path in modules.items():
-        words = set()
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and node.module:
-                words.update([node.module, *("%s.%s" % (node.module, alias.name) for alias in node.names)])
-            elif isinstance(node, ast.Import):
-                words.update(alias.name for alias in node.names)
-        yield name, words & set(modules) - {name}
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        if name != "ground":
+            yield name, ast.parse(path.read_text())
+
+
+def imported(tree):
+    """What a module imports, in functions and for type checkers, too: its dotted name. A public name that is
+    imported from `ground` is that of its module, but for type checkers, which follow `public`."""
+    typed = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING":
+            typed.update(ast.walk(node))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            for alias in node.names:
+                is_public = node.module == "ground" and alias.name in HOMES
+                if not (is_public and node in typed):
+                    yield HOMES[alias.name] if is_public else "%s.%s" % (node.module, alias.name)
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+def python_imports():
+    """Modules of the package and those of it that each imports."""
+    modules = dict(python_modules())
+    for name, tree in modules.items():
+        yield name, set(imported(tree)) & set(modules) - {name}
 
 
 def cpp_includes():
@@ -70,6 +88,31 @@ def test_python_modules_do_not_import_each_other():
     files = dict(python_imports())
     assert len(files) > 50
     assert (circles(files), circles(folders(files, "."))) == ([], [])
+
+
+def test_no_module_imports_the_whole_package():
+    """A room calls a verb of a room above it by `public`, which loads the room when it is called."""
+    upward = [
+        name
+        for name, tree in python_modules()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import) and "ground" in [alias.name for alias in node.names]
+    ]
+    assert not upward
+
+
+def test_an_import_from_the_package_is_one_of_the_module_that_has_the_name():
+    tree = ast.parse("def plot(self):\n    from ground import plot")
+    assert "ground.results.plot" in set(imported(tree))
+
+
+def test_each_class_has_a_name_of_its_own():
+    homes = collections.defaultdict(list)
+    for name, tree in python_modules():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                homes[node.name].append(name)
+    assert {name: found for name, found in homes.items() if len(found) > 1} == {}
 
 
 def test_cpp_files_do_not_include_each_other():

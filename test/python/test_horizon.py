@@ -8,7 +8,7 @@ import pytest
 from conftest import MODEL
 from ground import _core
 from ground.analysis import horizon
-from ground.recordings import repair
+from ground.poses import repair
 from ground.support.errors import GroundError
 
 FREE_FLYER = """

@@ -8,7 +8,7 @@ import yaml
 
 from browsing import open_page
 from conftest import MODEL, identify, process, write_bag
-from ground.recordings import mapping, run_settings
+from ground.reading import mapping, run_settings
 from ground.reports import page
 from ground.simulation import gains
 from ground.support.bounded_yaml import LOADER

@@ -6,7 +6,7 @@ import pytest
 import ground
 import ship
 from ground import _core
-from ground.analysis import candidates
+from ground.effect_library import candidates
 from ground.support import errors
 
 BOAT = """

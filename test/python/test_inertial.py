@@ -9,9 +9,11 @@ import ground
 import hidden_cases
 from conftest import MODEL, identify, slow
 from ground.analysis.likelihood import Likelihood
-from ground.recordings import inertial, quality, readers
-from ground.recordings.inertial import Samples
-from ground.recordings.recording import Recording
+from ground.checks import quality
+from ground.poses import inertial
+from ground.poses.inertial import InertialSamples
+from ground.reading import readers
+from ground.reading.recording import Recording
 from ground.support.errors import GroundError
 
 FREE = ("I_z", "X_u", "Y_v", "N_r", "k")
@@ -67,7 +69,7 @@ def test_a_mapping_leaves_sensors_out_or_names_them(flown, tmp_path):
 
 
 def _mapped(bag, path):
-    from ground.recordings import mapping
+    from ground.reading import mapping
 
     return readers.read(str(bag), mapping.load(str(path)))
 
@@ -101,7 +103,7 @@ def test_units_mounting_place_and_delay_are_found(flown):
     felt = np.column_stack([du - v * r - dr * py - r * r * px, dv + u * r + dr * px - r * r * py])
     c, s = np.cos(angle), np.sin(angle)
     seen = felt @ np.array([[c, -s], [s, c]]) / 9.81 + [0.02, -0.01] + 0.003 * random.normal(size=felt.shape)
-    up = Samples(times + delay, np.degrees(-r) + 0.7, seen * [1, -1], "a sensor with z up")
+    up = InertialSamples(times + delay, np.degrees(-r) + 0.7, seen * [1, -1], "a sensor with z up")
     found = inertial.calibrate(up, flown.motion)
     assert found.problems == ()
     assert found.gyro_scale == pytest.approx(-np.pi / 180, rel=0.01)
@@ -124,14 +126,14 @@ def test_a_sensor_that_lies_is_not_used(flown, lie):
         turn = np.roll(turn, len(turn) // 2)
     else:
         turn, times, push = turn[::20], times[::20], push[::20]
-    found = inertial.calibrate(Samples(times, turn, push, "liar"), flown.motion)
+    found = inertial.calibrate(InertialSamples(times, turn, push, "liar"), flown.motion)
     assert found.data is None and found.problems
 
 
 def test_an_accelerometer_that_lies_leaves_the_gyro(flown):
     samples = flown.inertial
     noise = np.random.default_rng(3).normal(size=samples.acceleration.shape)
-    found = inertial.calibrate(Samples(samples.times, samples.yaw_rate, noise, "liar"), flown.motion)
+    found = inertial.calibrate(InertialSamples(samples.times, samples.yaw_rate, noise, "liar"), flown.motion)
     assert found.data is not None and "accelerometer" in found.problems[0]
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from conftest import MODEL, identify, simulate_run, write_bag
 from ground import _core
-from ground.recordings.recording import Recording
+from ground.reading.recording import Recording
 
 
 def recorded(times, eta, inputs, name="run", offset=0.0):

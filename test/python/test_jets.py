@@ -9,8 +9,10 @@ import conftest
 import ground
 import jets
 from ground import _core
-from ground.analysis import candidates, window_error
-from ground.recordings import commands, mapping, quality, readers, recording
+from ground.analysis import window_error
+from ground.checks import quality
+from ground.effect_library import candidates
+from ground.reading import commands, mapping, readers, recording
 from ground.simulation import tracking
 from ground.support.errors import GroundError
 

@@ -10,8 +10,8 @@ import ground
 import mistakes
 from conftest import MODEL, ROOT, SHARED, identify, mapping_as_logged
 from ground import _core
-from ground.recordings import layouts, suspicions
-from ground.recordings.recording import checked
+from ground.checks import layouts, suspicions
+from ground.reading.recording import checked
 from ground.support.errors import GroundError
 
 RAW = SHARED.parent / "epfl_2019_12"

@@ -11,17 +11,18 @@ from ground import _core
 from ground.analysis import (
     bands,
     between_runs,
-    candidates,
     folds,
     horizon,
     judge,
     likelihood,
     run_differences,
     window_error,
+    windows,
 )
 from ground.diagnosing import words
-from ground.recordings import repair, windows
-from ground.support.errors import GroundError
+from ground.effect_library import candidates
+from ground.poses import repair
+from ground.support.errors import Diverged, GroundError, core_error
 
 FREE = window_error.NOMINAL
 NOISE = np.array([3e-4, 3e-4, 5e-3])
@@ -89,7 +90,7 @@ def test_the_likelihood_of_runs_is_that_of_their_blocks():
 def test_the_wald_ratio_is_that_of_a_refit():
     runs, like, fit = fitted(sigma=0.004, force=(0.004, 0.0))
     extended = candidates.of_library("body_force_bias").neutral(fit.model)
-    names = tuple(p["name"] for p in candidates.parameters_of(extended, "body_force_bias"))
+    names = tuple(p.name for p in candidates.parameters_of(extended, "body_force_bias"))
     with_it = like.fit(extended, FREE + names, near=fit)
     refitted = 2 * (with_it.log_posterior - fit.log_posterior)
     assert refitted > 10 and with_it.ratio_without("body_force_bias") == pytest.approx(refitted, rel=0.5)
@@ -146,7 +147,7 @@ def test_a_draught_does_not_narrow_the_interval_of_a_tilted_floor():
         runs = [in_draught(seed, 0.004, 1.5) for seed in (first, first + 1)]
         like = likelihood.Likelihood(runs, model(), ())
         tilted = candidates.of_library("floor_tilt").neutral(model())
-        names = tuple(p["name"] for p in candidates.parameters_of(tilted, "floor_tilt"))
+        names = tuple(p.name for p in candidates.parameters_of(tilted, "floor_tilt"))
         found = {p["name"]: p["ci95"] for p in like.intervals(like.fit(tilted, FREE + names))}
         inside += sum(low <= 0 <= high for low, high in (found[name] for name in names))
         widest = max(widest, *(found[name][1] - found[name][0] for name in names))
@@ -177,7 +178,7 @@ def test_a_model_whose_motion_is_not_finite_is_refused_and_never_wins():
         lambda: like.intervals(odd),
         lambda: like.scores(odd, odd.model, FREE),
     ):
-        with pytest.raises(GroundError, match="not finite"):
+        with pytest.raises(Diverged, match="not finite"):
             use()
     assert np.isinf(window_error.calibrated_errors(runs, windows.cut(runs), like, odd)).all()
     at = horizon.Starts.of(runs, 1.0)
@@ -185,6 +186,20 @@ def test_a_model_whose_motion_is_not_finite_is_refused_and_never_wins():
     assert np.isinf(judged.poses).all() and np.concatenate(judged.likelihood).sum() == -np.inf
     better = judge.compared(folds.tested(runs, at, like, fit), judged, np.ones(2))
     assert better.verdict == "better" and judge.compared(judged, judged, np.ones(2)).verdict == "worse"
+
+
+def test_an_error_of_the_user_is_not_taken_for_a_motion_that_is_not_finite(monkeypatch):
+    runs, like, fit = fitted(sigma=0.004)
+
+    def refuse(*_):
+        raise GroundError("the runs have other channels")
+
+    monkeypatch.setattr(window_error, "window_errors", refuse)
+    with pytest.raises(GroundError, match="other channels"):
+        window_error.calibrated_errors(runs, windows.cut(runs), like, fit)
+    for text in ("the model's motion is not finite", "the information is not positive definite"):
+        assert isinstance(core_error(RuntimeError(text)), Diverged)
+    assert not isinstance(core_error(ValueError("there is no parameter 'q'")), Diverged)
 
 
 MEMORY = """{name: wake, states: {s: "(v - s)/tau"}, expression: {Y: "c*s"}, parameters: {

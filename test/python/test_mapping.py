@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ground.recordings import mapping
+from ground.reading import mapping
 from ground.support.errors import GroundError
 
 WHOLE = """

@@ -6,7 +6,7 @@ import pytest
 from conftest import MODEL, run_data, simulate_run
 from ground import _core
 from ground.analysis import missing_wrench, residuals
-from ground.recordings import repair
+from ground.poses import repair
 
 
 def model():

@@ -9,8 +9,9 @@ import pytest
 import ground
 from conftest import MODEL, identify
 from ground import _core
-from ground.recordings import findings, quality, suspicions, windows
-from ground.recordings.recording import Recording
+from ground.analysis import windows
+from ground.checks import findings, quality, suspicions
+from ground.reading.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def test_sound_recordings_are_read_alike(name):
 @every
 def test_the_window_of_the_error_follows_the_craft(name):
     craft = CRAFT[name]
-    usual = windows.usual(craft.model())
+    usual = quality.usual_window(craft.model())
     assert usual == {"palm-sized": 1.5, "free-flyer": 30, "ship": 75}.get(name, 15)
     data = quality.repaired(sound(name)).data(craft.model())
     cut = windows.cut([data])

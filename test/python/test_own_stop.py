@@ -46,7 +46,7 @@ def trial(
     kernel = np.exp(-np.arange(10) / 3.0)
     colored = np.convolve(white, kernel / np.sqrt(np.sum(kernel**2)))[: len(times)]
     measured = np.abs(np.array(speeds) + colored)
-    return own_stop.Trial(times, measured, np.ones(len(times), bool), 0.0, silence)
+    return own_stop.StopTrial(times, measured, np.ones(len(times), bool), 0.0, silence)
 
 
 @pytest.mark.parametrize("watchdog, noise", [(0.05, 0.015), (0.25, 0.004), (1.0, 0.015)])

@@ -6,7 +6,7 @@ import pytest
 import ground
 from conftest import MODEL
 from ground import _core
-from ground.recordings import mapping
+from ground.reading import mapping
 
 LOAD = (0.025, (0.012, -0.006), 4e-6)  # [kg], [m], [kg m^2]
 
@@ -82,7 +82,7 @@ def write(folder, text):
 
 def test_a_mapping_says_which_runs_carried_what(tmp_path):
     given = mapping.load(write(tmp_path, "payload:\n  - {runs: 'loaded*', mass: 0.5, place: [0.1, 0]}\n"))
-    from ground.recordings.payloads import payload_of
+    from ground.reading.payloads import payload_of
 
     loaded, bare = payload_of("loaded_3", given.loads), payload_of("run_1", given.loads)
     assert (loaded.mass, list(loaded.place), loaded.inertia) == (0.5, [0.1, 0], 0)
@@ -104,7 +104,7 @@ def test_a_wrong_payload_is_refused(tmp_path, entry, named):
 
 
 def test_two_payloads_of_one_run_are_refused(tmp_path):
-    from ground.recordings.payloads import payload_of
+    from ground.reading.payloads import payload_of
 
     text = "payload:\n  - {mass: 1, place: [0, 0]}\n  - {runs: 'a*', mass: 2, place: [0, 0]}\n"
     given = mapping.load(write(tmp_path, text))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ground import _core
-from ground.analysis import thinning
+from ground.analysis import thinning, tracks
 from ground.fitting import identifiability
-from ground.recordings import scatter, tracks
+from ground.poses import scatter
 
 # --- tracking
 

@@ -8,7 +8,7 @@ import pytest
 import ground
 from conftest import MODEL, recording_of
 from ground import _core
-from ground.recordings import findings, quality
+from ground.checks import findings, quality
 from ground.support.errors import GroundError
 
 NOISE = [3e-4, 3e-4, 5e-3]

@@ -12,10 +12,12 @@ import rosbag
 from geometry_msgs.msg import PointStamped
 
 import ground
-from conftest import MODEL, identify, simulate_run
+from conftest import MODEL, identify, simulate_run, write_bag
 from containers import write_csv
+from ground.checks import quality
 from ground.data import measured
-from ground.recordings import headings, quality
+from ground.data import read as reading
+from ground.poses import headings
 from ground.support.progress import Work
 
 START, EARLY = 1000.0, 2.0  # the mocap's clock is behind by EARLY [s]
@@ -111,6 +113,17 @@ def test_a_recording_of_arrays_is_fitted_like_that_of_a_bag(tmp_path):
     held = commands[np.searchsorted(sent, times, side="right") - 1]
     on_one_clock = ground.Recording.from_arrays(times, eta, held)
     assert ground.fit(MODEL, on_one_clock, free=["k"]).model["k"] == pytest.approx(0.062, rel=0.01)
+
+
+def test_recordings_of_several_reads_need_no_flattening(tmp_path):
+    bags = [write_bag(tmp_path / ("%s.bag" % name), duration=4, seed=i) for i, name in enumerate("ab")]
+    read = [ground.read(bag) for bag in bags]
+    assert [one.name for one in reading.taken([read, []])] == ["a", "b"]
+    assert reading.taken(read) == reading.taken([*read[0], *read[1]])
+    with pytest.raises(ground.GroundError, match="given twice"):
+        reading.taken([read, read[0]])
+    with pytest.raises(ground.GroundError, match="path of its file"):
+        reading.taken([read, 3])
 
 
 def test_a_recording_of_a_frame_has_what_the_frame_has():

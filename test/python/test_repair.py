@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from conftest import recording_of, simulate_run
-from ground.recordings import headings
+from ground.poses import headings
 from ground.support.errors import GroundError
 
 COUNTED = (

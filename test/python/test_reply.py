@@ -5,8 +5,9 @@ import pytest
 
 from conftest import recording_of
 from ground import _core
-from ground.recordings import kinematics, reply
-from ground.recordings.repair import Motion
+from ground.checks import reply
+from ground.poses import kinematics
+from ground.poses.repair import Motion
 
 EFFECT = np.array([[0.9, 0.1, 19.0], [0.8, -0.2, -21.0], [-0.3, 0.7, 12.0]])  # accelerations by full thrust
 NOISE = (3e-4, 5e-3)

@@ -11,13 +11,14 @@ from conftest import slow
 def diagnosed(kind, seed):
     """A case of the bench, its Diagnosis and Conclusion."""
     import hidden_cases
-    from ground.analysis import candidates, diagnosis
+    from ground.analysis import diagnosis
     from ground.analysis.verdict import conclude
+    from ground.effect_library import candidates
 
     case = hidden_cases.make(kind, seed)
     fitted, held = hidden_cases.record(case)
     model = hidden_cases.given_model(case)
-    found = diagnosis.Diagnosis(fitted, model, candidates.library(model))
+    found = diagnosis.StepwiseDiagnosis(fitted, model, candidates.library(model))
     found.grow()
     return case, found, conclude(found, held)
 

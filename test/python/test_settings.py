@@ -11,8 +11,8 @@ import yaml
 from conftest import MODEL, ROOT, simulate_run, write_bag
 from ground import _core, cli
 from ground.models import Room
-from ground.recordings import readers, run_settings
-from ground.recordings.mapping import DEFAULT
+from ground.reading import readers, run_settings
+from ground.reading.mapping import DEFAULT
 from ground.support.errors import GroundError
 
 TURNED = "y, -x, z"  # axes of a mocap whose z is down

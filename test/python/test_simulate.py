@@ -125,7 +125,9 @@ def cut(path, out, start):
 def fitted(model, path):
     """Fitted k and time constant of the sag, and the RepairedRun of the bag."""
     from ground import _core
-    from ground.recordings import quality, readers, windows
+    from ground.analysis import windows
+    from ground.checks import quality
+    from ground.reading import readers
 
     run = quality.repaired(readers.read(str(path)))
     guess = _core.load_model(str(model))
@@ -157,8 +159,8 @@ def _load(model):
 
 
 def test_poses_are_the_truth_with_noise_in_the_mocaps_axes(tmp_path):
-    from ground.recordings.mapping import DEFAULT
-    from ground.recordings.readers import read
+    from ground.reading.mapping import DEFAULT
+    from ground.reading.readers import read
 
     path, _ = simulate(tmp_path, "prbs", "--axes", "z, x, y", "--position-noise", 0.002)
     found = read(str(path), DEFAULT.with_options(axes="z, x, y"))

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from conftest import schema
-from ground.analysis import candidates, diagnosis, judge, window_error
+from ground.analysis import diagnosis, judge, window_error
 from ground.analysis.verdict import conclude
 from ground.data.measured import measured
 from ground.diagnosing import answer, document
+from ground.effect_library import candidates
 from ground.fitting.fit import FitOptions
 from ground.support.files import plain
 from ground.support.progress import Work
@@ -32,7 +33,7 @@ def tried():
 
 def grown(runs):
     """A diagnosis as it turns to the search by simulation error: that by likelihood has ended."""
-    found = diagnosis.Diagnosis(runs, boat().core, tried())
+    found = diagnosis.StepwiseDiagnosis(runs, boat().core, tried())
     found.grow()
     return found
 
@@ -57,7 +58,7 @@ def test_it_adds_what_is_hidden_and_nothing_else(found):
 
 
 def test_an_effect_that_the_likelihood_refused_and_it_finds_is_not_refused():
-    worse = judge.Comparison("worse", -1.0, 0.1, 1.0, 0.1)
+    worse = judge.PairedComparison("worse", -1.0, 0.1, 1.0, 0.1)
     with mock.patch.object(diagnosis, "compared", return_value=worse):
         found = grown(runs_of(10, hull_lift=LIFT))
     assert "hull_lift" in [dropped.trial.name for dropped in found.dropped] and not found.names

@@ -9,10 +9,11 @@ from scipy import signal
 
 import ground
 from conftest import MODEL, ROOT, identify
+from ground.checks import suspicions
 from ground.data import measured
-from ground.recordings import low_pass, smoothed, suspicions
-from ground.recordings.low_pass import LowPass
-from ground.recordings.recording import Recording
+from ground.poses import low_pass, smoothed
+from ground.poses.low_pass import LowPass
+from ground.reading.recording import Recording
 from ground.support.progress import Work
 
 CASE = ROOT.parent / "shared" / "data" / "cases_2" / "poses_filtered"

@@ -51,8 +51,8 @@ def noise_free(model):
 
 @pytest.mark.parametrize("name, text", [("skirt", SKIRT), ("droop", DROOP)])
 def test_the_parameters_of_a_planted_effect_are_found_from_its_neutral_values(name, text):
-    from ground.analysis import candidates
-    from ground.recordings import windows
+    from ground.analysis import windows
+    from ground.effect_library import candidates
 
     truth = planted(text)
     runs = noise_free(truth)
@@ -61,7 +61,7 @@ def test_the_parameters_of_a_planted_effect_are_found_from_its_neutral_values(na
     off = np.array(noise_free(without)[0].nu) - np.array(runs[0].nu)
     assert np.abs(off).max() > 0.02, "the effect changes the motion"
     start = truth.copy()
-    free = [p["name"] for p in candidates.parameters_of(truth, name)]
+    free = [p.name for p in candidates.parameters_of(truth, name)]
     start.set_value(name + ".c", 0.005)
     start.set_value(name + ".tau", 0.4)
     found = windows.problem(runs, windows.cut(runs)).fit(start, free)
@@ -85,7 +85,7 @@ effects:
 
 def test_a_window_of_a_motion_begins_with_what_the_motion_before_it_has_left():
     from ground import _core
-    from ground.recordings import windows
+    from ground.analysis import windows
 
     truth = planted(SWINGING)
     runs = noise_free(truth)

@@ -10,8 +10,8 @@ import ground
 import mistakes
 from conftest import MODEL, ROOT, identify, slow
 from ground import _core
-from ground.recordings import findings, suspicions
-from ground.recordings.quality import repaired
+from ground.checks import findings, suspicions
+from ground.checks.quality import repaired
 from ground.simulation import experiments, gains
 
 CASES = mistakes.MISTAKES + mistakes.OTHERS

@@ -18,7 +18,7 @@ import ground
 from conftest import MODEL, ROOT, free_port, identify, located
 from ground.analysis import missing_wrench
 from ground.exporting import channels, viewers
-from ground.recordings import headings, repair
+from ground.poses import headings, repair
 
 pytest.importorskip("foxglove", reason="foxglove-sdk needs Python 3.10")
 import foxglove

@@ -18,9 +18,9 @@ import yaml
 
 import ground
 from ground import _core
+from ground.checks import findings
 from ground.data import import_csv
 from ground.data.measured import repaired
-from ground.recordings import findings
 from ground.support.progress import Work
 
 HERE = pathlib.Path(__file__).resolve().parent

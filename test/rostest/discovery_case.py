@@ -9,7 +9,7 @@ import rospy
 from ground_msgs.msg import ControllerStatus, Controls, DiscoveryStatus, SenderStatus, State
 from std_srvs.srv import SetBool
 
-from ground.recordings import readers
+from ground.reading import readers
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness

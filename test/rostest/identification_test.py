@@ -15,7 +15,7 @@ from ground_msgs.srv import Identify
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from ground.recordings import readers
+from ground.reading import readers
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness

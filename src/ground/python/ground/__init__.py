@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING, Any, List
 # In catkin's devel space the compiled core is in another folder; a new process may find the sources first.
 __path__ = _extend_path(__path__, __name__)
 
+from ground.support import public as _public
+
 # Public names by their module. A module is loaded on first use: those that a fit needs take a second.
 _PUBLIC = {
-    "analysis.effects": "Effect EffectParameter Effects effects",
+    "effect_library.effects": "Effect EffectParameter Effects effects",
     "comparing.predict": "Prediction predict",
     "fitting.add": "Addition add",
     "discovery.discover": "Discovery discover",
-    "data.measured": "read",
+    "data.read": "read",
     "comparing.compare": "compare",
     "comparing.result": "Comparison RunComparison",
     "control.track": "Tracking track",
@@ -33,23 +35,23 @@ _PUBLIC = {
     "ledger.history": "history",
     "ledger.result": "History",
     "models": "Fitted Model Parameter Room",
-    "recordings.recording": "Recording",
+    "reading.recording": "Recording",
     "results.load": "load",
     "results.plot": "Figures plot",
     "simulation.simulate": "simulate",
     "simulation.simulated_run": "SimulatedRun",
 }
-_HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
+_public.HOMES.update({n: "ground." + module for module, names in _PUBLIC.items() for n in names.split()})
 if TYPE_CHECKING:
-    from ground.analysis.effects import Effect, EffectParameter, Effects, effects
     from ground.comparing.compare import compare
     from ground.comparing.predict import Prediction, predict
     from ground.comparing.result import Comparison, RunComparison
     from ground.control.track import Tracking, track
-    from ground.data.measured import read
+    from ground.data.read import read
     from ground.diagnosing.diagnose import diagnose
     from ground.diagnosing.result import Diagnosis
     from ground.discovery.discover import Discovery, discover
+    from ground.effect_library.effects import Effect, EffectParameter, Effects, effects
     from ground.equations.written import ExportedModel
     from ground.exporting.recorded import ExportedRun, to_mcap
     from ground.fitting.add import Addition, add
@@ -58,14 +60,14 @@ if TYPE_CHECKING:
     from ground.ledger.history import history
     from ground.ledger.result import History
     from ground.models import Fitted, Model, Parameter, Room
-    from ground.recordings.recording import Recording
+    from ground.reading.recording import Recording
     from ground.results.load import load
     from ground.results.plot import Figures, plot
     from ground.simulation.simulate import simulate
     from ground.simulation.simulated_run import SimulatedRun
     from ground.support.errors import GroundError, GroundWarning, OptionError
 
-__all__ = [  # the names of _HOMES, repeated for type checkers
+__all__ = [  # the names of _PUBLIC, repeated for type checkers
     "Addition",
     "Comparison",
     "Diagnosis",
@@ -108,14 +110,9 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
 
 
 def __getattr__(name: str) -> Any:
-    import importlib
-
-    if name not in _HOMES:
-        raise AttributeError("module 'ground' has no attribute '%s'" % name)
-    value = getattr(importlib.import_module(_HOMES[name]), name)
-    globals()[name] = value
+    value = globals()[name] = _public.public(name)
     return value
 
 
 def __dir__() -> List[str]:
-    return sorted({*globals(), *_HOMES})
+    return sorted({*globals(), *__all__})

@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Dict, Iterable, Iterator, Mapping, Optional, S
 import numpy as np
 
 from ground import _core
-from ground.analysis.effects import Effect, EffectLike
+from ground.effect_library.effects import Effect, EffectLike
+from ground.effect_library.parameters import described
 from ground.support import errors, files, origin
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError, core_errors
+from ground.support.public import public
+from ground.support.quantities import with_interval
 from ground.support.results import Shown
 
 if TYPE_CHECKING:
@@ -19,7 +22,7 @@ if TYPE_CHECKING:
 
     from ground import Prediction
     from ground.equations.written import ExportedModel
-    from ground.recordings.recording import Recording
+    from ground.reading.recording import Recording
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,8 +55,6 @@ class Parameter:
     @property
     def words(self) -> str:
         """Value and interval in words: "50.02 ms (95%: 49.98 to 50.05 ms)"."""
-        from ground.analysis.formula_words import with_interval
-
         if not self.identified:
             return "cannot be identified from these data"
         return with_interval(self.value, *self.ci95, self.unit, self.runs)
@@ -182,7 +183,7 @@ class Model(Shown):
     @property
     def values(self) -> Dict[str, float]:
         """Values of all parameters by name, in their units."""
-        return {p["name"]: self.core.value(p["name"]) for p in self.core.parameters()}
+        return {name: self.core.value(name) for name in described(self.core)}
 
     def __getitem__(self, parameter: str) -> float:
         try:
@@ -193,7 +194,7 @@ class Model(Shown):
     def unit(self, parameter: str) -> str:
         """Unit of a parameter."""
         self[parameter]  # raises for an unknown name
-        return str({p["name"]: p["unit"] for p in self.core.parameters()}[parameter])
+        return described(self.core)[parameter].unit
 
     def with_values(self, values: Mapping[str, float] = {}, **more: float) -> "Model":
         """A copy with other values of parameters: {name: value}, name=value. GroundError on unknown names."""
@@ -228,9 +229,8 @@ class Model(Shown):
 
     def predict(self, recording: "Union[Recording, Path]", horizon: float = 1.5) -> "Prediction":
         """What it predicts of a recording, sample by sample; see ground.predict."""
-        import ground
-
-        return ground.predict(self, recording, horizon)
+        made: Prediction = public("predict")(self, recording, horizon)
+        return made
 
     def format(self) -> str:
         """The text of its file."""
@@ -265,16 +265,16 @@ class Model(Shown):
         """Parameters as a table, indexed by name: value, unit, meaning."""
         import pandas
 
-        described = self.core.parameters()
-        rows = [[self.core.value(p["name"]), p["unit"], p["doc"]] for p in described]
-        index = pandas.Index([p["name"] for p in described], name="parameter")
+        known = described(self.core)
+        rows = [[self.core.value(name), p.unit, p.doc] for name, p in known.items()]
+        index = pandas.Index(list(known), name="parameter")
         return pandas.DataFrame(rows, index=index, columns=["value", "unit", "meaning"])
 
     def lines(self, written: str = "") -> Iterator[str]:
         """Title, effects and parameters."""
         yield "%s, effects: %s" % (self.name, ", ".join(self.effects) or "none")
-        for p in self.core.parameters():
-            yield "%-24s %12.4g %s" % (p["name"], self.core.value(p["name"]), p["unit"])
+        for name, p in described(self.core).items():
+            yield "%-24s %12.4g %s" % (name, self.core.value(name), p.unit)
 
 
 ModelLike = Union[Model, Path]

@@ -17,12 +17,12 @@ import numpy as np
 from ground import _core
 from ground.analysis import residuals, window_error
 from ground.analysis.distributions import DEVIATIONS
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.thinning import by_poses_alone
 from ground.analysis.window_error import squared_errors
-from ground.recordings import scatter
+from ground.poses import scatter
 from ground.support.annotations import Array, Each, Flags, Random
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 ALIKE = 0.9  # least correlation of commands that count as the same: edges are some milliseconds apart
 FINEST = 10.0  # periods of the highest frequency in a horizon: faster pushes hardly move a craft in it
@@ -85,12 +85,12 @@ def agreement(
     runs: Sequence[_core.RunData],
     cut: Sequence[_core.Window],
     likelihood: Likelihood,
-    fit: Fit,
+    fit: LikelihoodFit,
     seconds: float,
     each: Each = map,
 ) -> Agreement:
-    """The Agreement of a Fit on runs over windows of them. seconds: horizon of predictions; each: maps over
-    artificial recordings."""
+    """The Agreement of a LikelihoodFit on runs over windows of them. seconds: horizon of predictions; each:
+    maps over artificial recordings."""
     band, pairs = _band(likelihood.runs, seconds), _pairs(runs)
 
     def compared(recorded: Sequence[_core.RunData]) -> Tuple[List[float], List[Array], Array, Likelihood]:
@@ -109,13 +109,13 @@ def agreement(
         try:
             artificial, pushes = zip(*(_pushed(run, fit, i, random) for i, run in enumerate(runs)))
             numbers, wrenches, _, of_poses = compared(artificial)
-        except GroundError:
+        except Diverged:
             return None
         known = [_at(*given, seconds / FINEST) for given in zip(runs, pushes, of_poses.runs)]
         return numbers, _alike(wrenches, known) ** 2
 
     noise = np.nan
-    with contextlib.suppress(GroundError):
+    with contextlib.suppress(Diverged):
         quiet = [window_error.recorded(run, fit.model, np.random.default_rng(0)) for run in runs]
         noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
     real, _, power, _ = compared(runs)
@@ -157,7 +157,7 @@ def _deviations(rows: Array) -> Array:
     return np.asarray((rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-300))
 
 
-def _pushed(run: _core.RunData, fit: Fit, i: int, random: Random) -> Tuple[_core.RunData, Array]:
+def _pushed(run: _core.RunData, fit: LikelihoodFit, i: int, random: Random) -> Tuple[_core.RunData, Array]:
     """An artificial recording of a run, with its trim and the disturbance; and the disturbance X, Y [N],
     N [N m], body, at its samples."""
     factor, trim = np.exp(fit.loudness[i]) if fit.loudness else 1.0, fit.trims[i]
@@ -179,11 +179,11 @@ def _at(run: _core.RunData, push: Array, thinned: _core.RunData, width: float) -
 
 
 def _seen(
-    likelihood: Likelihood, fit: Fit, band: Band, pairs: Sequence[Pair]
+    likelihood: Likelihood, fit: LikelihoodFit, band: Band, pairs: Sequence[Pair]
 ) -> Tuple[List[float], List[Array], Array]:
-    """What the filter of a Fit sees in the runs of a Likelihood, without inertial samples: numbers, the
-    larger, the less like a random disturbance; the wrench X, Y, N (n, 3) of each run, relative to its rms;
-    and the power of the innovations in a Band, relative to its median, body and room (k, 2).
+    """What the filter of a LikelihoodFit sees in the runs of a Likelihood, without inertial samples: numbers,
+    the larger, the less like a random disturbance; the wrench X, Y, N (n, 3) of each run, relative to its
+    rms; and the power of the innovations in a Band, relative to its median, body and room (k, 2).
 
     The numbers are the logarithms of the kurtosis of the wrench, as a push at some times or places only has
     heavy tails, and of the strongest lines; and the correlation of the wrench in pairs, 0 without any."""

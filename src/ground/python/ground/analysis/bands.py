@@ -17,21 +17,22 @@ from typing import List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
+from ground.analysis import windows
 from ground.analysis.folds import Folds
-from ground.analysis.likelihood import CAP, Fit, call
-from ground.recordings import headings, repair, windows
-from ground.recordings.recording import POSE, VELOCITY
+from ground.analysis.likelihood import CAP, LikelihoodFit, call
+from ground.poses import headings, repair
+from ground.reading.recording import POSE, VELOCITY
 from ground.support.annotations import Array, Document, Each, Flags
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
-_Task = Tuple[int, Fit, Sequence[_core.Window], Sequence[float]]
+_Task = Tuple[int, LikelihoodFit, Sequence[_core.Window], Sequence[float]]
 PART = 0.9  # probability that a band holds the measurement
 HORIZONS = (1 / 3, 1.0, 8 / 3)  # horizons at which coverage is counted [windows]
 TOLERANCE = 1 / 30  # longest time from the last sample to the horizon [windows]
 
 
 @dataclass(frozen=True)
-class Prediction:
+class BandedPrediction:
     """A prediction from one start: a row for each sample of x, y [m], psi [rad], u, v [m/s], r [rad/s]."""
 
     times: Array  # (n,) on the run's clock; the first is the start [s]
@@ -45,7 +46,7 @@ class Bands:
     """Predictions of one run by a model that was not fitted to it."""
 
     run: _core.RunData
-    predictions: Sequence[Prediction]  # in the order of their starts
+    predictions: Sequence[BandedPrediction]  # in the order of their starts
 
     @property
     def unit(self) -> float:
@@ -77,8 +78,8 @@ class Bands:
         return np.array(held, bool).reshape(-1, 6)
 
 
-def of_folds(split: Folds, fit: Fit, others: Sequence[Fit] = ()) -> List[Bands]:
-    """Bands of the runs that a likelihood.Fit was fitted to, each predicted by a refit without that run.
+def of_folds(split: Folds, fit: LikelihoodFit, others: Sequence[LikelihoodFit] = ()) -> List[Bands]:
+    """Bands of the runs that a LikelihoodFit was fitted to, each predicted by a refit without that run.
 
     split: Folds of these runs; others: the refits, if they are known. The levels stay those of the fit; the
     expected loudness is that of the other runs. Each quarter of a single run is predicted by a fit to the
@@ -95,8 +96,10 @@ def of_folds(split: Folds, fit: Fit, others: Sequence[Fit] = ()) -> List[Bands]:
     return _bands(split.runs, tasks, split.each)
 
 
-def of_others(runs: Sequence[_core.RunData], fit: Fit, most: float, each: Each = map) -> List[Bands]:
-    """Bands of runs (_core.RunData) that a likelihood.Fit was not fitted to.
+def of_others(
+    runs: Sequence[_core.RunData], fit: LikelihoodFit, most: float, each: Each = map
+) -> List[Bands]:
+    """Bands of runs (_core.RunData) that a LikelihoodFit was not fitted to.
 
     most: approximate number of windows in which predictions start, spread evenly over the runs;
     each: maps a function over items, in parallel if it can.
@@ -108,15 +111,15 @@ def of_others(runs: Sequence[_core.RunData], fit: Fit, most: float, each: Each =
 
 def _bands(runs: Sequence[_core.RunData], tasks: Sequence[_Task], each: Each) -> List[Bands]:
     """Bands of runs by the predictions of tasks: number of a run, fit, windows, loudness of other runs."""
-    found: List[List[Prediction]] = [[] for _ in runs]
+    found: List[List[BandedPrediction]] = [[] for _ in runs]
     for (i, *_), predictions in zip(tasks, each(lambda task: _predict(runs[task[0]], *task[1:]), tasks)):
         found[i] += predictions
     return [Bands(run, sorted(some, key=lambda one: float(one.times[0]))) for run, some in zip(runs, found)]
 
 
 def _predict(
-    run: _core.RunData, fit: Fit, cut: Sequence[_core.Window], loudness: Sequence[float]
-) -> List[Prediction]:
+    run: _core.RunData, fit: LikelihoodFit, cut: Sequence[_core.Window], loudness: Sequence[float]
+) -> List[BandedPrediction]:
     """Predictions of a run from starts in its windows; none if a motion is not finite."""
     times, measured = np.array(run.times), _measured(run)
     try:
@@ -134,7 +137,7 @@ def _predict(
             velocity_noise=_smoothed_noise(run),
             cap=CAP,
         )
-    except GroundError:
+    except Diverged:
         return []
     predictions = []
     for one in found:
@@ -142,7 +145,7 @@ def _predict(
         truth = measured[rows].copy()
         # The filter's heading may differ by whole turns.
         truth[:, 2] += 2 * np.pi * np.round((one["mean"][0, 2] - truth[0, 2]) / (2 * np.pi))
-        predictions.append(Prediction(times[rows], one["low"], one["high"], truth))
+        predictions.append(BandedPrediction(times[rows], one["low"], one["high"], truth))
     return predictions
 
 

@@ -14,18 +14,19 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ground.analysis.distributions import chi_squared_above, student_limit
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.score_tests import moved, solve, stepped
 from ground.analysis.search import LEVEL
+from ground.effect_library.parameters import ParameterInfo, described
 from ground.support.annotations import Array, Document
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 WEAK = 1e-6  # information that keeps what a run does not tell at the common value, over that of all runs
 TOLD = 0.01  # largest variance of a parameter that a run tells, over that by the weak information alone
 
 
-def widened(likelihood: Likelihood, fit: Fit, parameters: Sequence[Document]) -> List[Document]:
-    """Parameters of a Fit as Fit.parameters has them, with intervals that contain what its runs differ by.
+def widened(likelihood: Likelihood, fit: LikelihoodFit, parameters: Sequence[Document]) -> List[Document]:
+    """Parameters as LikelihoodFit.parameters has them, with intervals that contain what its runs differ by.
     Those in which they differ have `runs`, the least and the largest of the runs' own values."""
     if len(likelihood.runs) < 2:
         return list(parameters)
@@ -33,17 +34,17 @@ def widened(likelihood: Likelihood, fit: Fit, parameters: Sequence[Document]) ->
     fits = [replace(fit, loudness=fit.loudness[i : i + 1]) for i in range(len(alone))]
     try:
         scores = [on.scores(one, one.model, one.free) for on, one in zip(alone, fits)]
-    except GroundError:  # the motion of a run is not finite there
+    except Diverged:  # the motion of a run is not finite there
         return list(parameters)
     weak = WEAK * np.diag(np.maximum(sum(np.diag(of_run["information"]) for of_run in scores), 1e-300))
     own = [_newton(*of_run, weak) for of_run in zip(alone, fits, scores)]
-    described, found = {p["name"]: p for p in fit.model.parameters()}, []
+    known, found = described(fit.model), []
     for p in parameters:
         if p["identified"] and p["name"] in fit.free:
             j = fit.free.index(p["name"])
             first, last = (_told([steps[at] for steps in own], j) for at in (0, -1))
             differ = len(fit.free) * chance(*first) < LEVEL
-            p = _widened(p, described[p["name"]], *last, differ)
+            p = _widened(p, known[p["name"]], *last, differ)
         found.append(p)
     return found
 
@@ -55,7 +56,9 @@ def _told(own: Sequence[Tuple[Array, Array]], j: int) -> Tuple[Array, Array]:
     return steps[good], variances[good]
 
 
-def _newton(alone: Likelihood, fit: Fit, scores: Dict[str, Array], weak: Array) -> List[Tuple[Array, Array]]:
+def _newton(
+    alone: Likelihood, fit: LikelihoodFit, scores: Dict[str, Array], weak: Array
+) -> List[Tuple[Array, Array]]:
     """Coordinates of a run's own values relative to those of a fit, and their variances, infinite where the
     run does not tell a parameter, after each of four Newton steps. alone: of the run; scores: at the common
     values; weak: information added to that of the run."""
@@ -71,7 +74,7 @@ def _newton(alone: Likelihood, fit: Fit, scores: Dict[str, Array], weak: Array) 
         model = stepped(fit.model, dict(zip(fit.free, (scale * at).tolist())))
         try:
             scores = alone.scores(fit, model, fit.free)
-        except GroundError:  # the motion is not finite there
+        except Diverged:  # the motion is not finite there
             return found
 
 
@@ -92,17 +95,17 @@ def mean_of(steps: Array, variances: Array) -> Tuple[float, float, float]:
     return float(weights @ steps / weights.sum()), float(half), between
 
 
-def _widened(p: Document, described: Document, steps: Array, variances: Array, differ: bool) -> Document:
+def _widened(p: Document, known: ParameterInfo, steps: Array, variances: Array, differ: bool) -> Document:
     """A parameter. steps, variances: of its coordinate, of each run that tells it; differ: whether these are
     said to differ."""
     if len(steps) < 2:
         return p
     mean, half, between = mean_of(steps, variances)
-    ends = [moved(described, p["value"], by) for by in (mean - half, mean + half)]
+    ends = [moved(known, p["value"], by) for by in (mean - half, mean + half)]
     low, high = (float(end) for end in p["ci95"])
     p = {**p, "ci95": (min(low, *ends), max(high, *ends))}
     certain = steps[variances < 2 * (between + variances.min())]
-    own = [moved(described, p["value"], by) for by in (certain.min(), certain.max())]
+    own = [moved(known, p["value"], by) for by in (certain.min(), certain.max())]
     # equal: they only differ by how far beyond its range they are
     return {**p, "runs": (min(own), max(own))} if differ and own[0] != own[1] else p
 

@@ -16,15 +16,15 @@ from ground.analysis import dictionary, samples
 from ground.analysis.distributions import DEVIATIONS
 from ground.analysis.folds import excerpt
 from ground.analysis.innovations import Innovations
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Scales
 from ground.analysis.scalars import ARGUMENTS
 from ground.analysis.screening import Screen, refined
 from ground.analysis.window_error import squared_errors
-from ground.recordings import scatter
+from ground.poses import scatter
 from ground.support.annotations import Array
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 ROUNDS = 4
 PROMISING = 200  # single features of the second and later rounds
@@ -44,12 +44,12 @@ class Share:
 
 
 @dataclass(frozen=True)
-class Found:
+class PredictableWrench:
     """What the innovations depend on, after the last round that was kept."""
 
     regression: Regression
     terms: List[Term]
-    fit: Fit  # with the wrench as a known input
+    fit: LikelihoodFit  # with the wrench as a known input
     wrenches: List[Array]  # of each run (thinned), predicted from the others [N], [N m]
 
 
@@ -62,7 +62,7 @@ class Ceiling:
     bound: (
         float  # largest share of what is left that the data allow a function of one kind, and what was found
     )
-    found: Optional[Found]
+    found: Optional[PredictableWrench]
     runs: Sequence[_core.RunData]  # whole, or stretches of long ones
     cut: Sequence[_core.Window]  # of them
 
@@ -126,13 +126,13 @@ class Ceiling:
 
 def ceiling(
     likelihood: Likelihood,
-    fit: Fit,
+    fit: LikelihoodFit,
     runs: Sequence[_core.RunData],
     cut: Sequence[_core.Window],
     before: _core.Model,
     bound: Optional[float] = None,
 ) -> Ceiling:
-    """The Ceiling of a Fit to runs. cut: windows of the runs; before: the model without the
+    """The Ceiling of a LikelihoodFit to runs. cut: windows of the runs; before: the model without the
     effects found; bound: largest share of what is left that is not the noise of the poses, where that
     explains nearly all: then nothing is searched. Of long runs it takes stretches that are spread evenly."""
     likelihood, fit, runs, cut = excerpt(likelihood, fit, runs, cut)
@@ -155,9 +155,9 @@ def ceiling(
 
 
 def found_beside(
-    likelihood: Likelihood, fit: Fit, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
-) -> Optional[Found]:
-    """What the innovations of a Fit depend on, without its shares."""
+    likelihood: Likelihood, fit: LikelihoodFit, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
+) -> Optional[PredictableWrench]:
+    """What the innovations of a LikelihoodFit depend on, without its shares."""
     return _searched(*excerpt(likelihood, fit, runs, cut)[:2])[1]
 
 
@@ -165,7 +165,7 @@ def _errors_or(others: Array, errors: Callable[[], Array]) -> Array:
     """Errors of windows; others where the motion is not finite."""
     try:
         return errors()
-    except GroundError:
+    except Diverged:
         return others
 
 
@@ -178,9 +178,9 @@ def _share(worse: Array, better: Array, whole: Array, least: float = -np.inf) ->
     return Share(value, value - half, min(1.0, max(value + half, least)))
 
 
-def _searched(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, Optional[Found]]:
-    """The regression of a Fit's innovations on the dictionary, and what was found in the last round that was
-    kept."""
+def _searched(likelihood: Likelihood, fit: LikelihoodFit) -> Tuple[Regression, Optional[PredictableWrench]]:
+    """The regression of a LikelihoodFit's innovations on the dictionary, and what was found in the last round
+    that was kept."""
     sampled = [samples.of_run(likelihood, fit, i) for i in range(len(likelihood.runs))]
     features = dictionary.dictionary(fit.model, Scales.of(sampled))
     innovations = Innovations(likelihood, fit)
@@ -201,17 +201,19 @@ def _searched(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, Optional[Fo
             refitted = current.fit(near.model, near.free, near=replace(near, loudness=()))
             rise = refitted.log_posterior - near.log_posterior
             if rise >= RISE:
-                best = Found(wider, terms, refitted, wrenches)
+                best = PredictableWrench(wider, terms, refitted, wrenches)
             if not rise >= ENOUGH:
                 break
             regression = wider.again(Innovations(current, refitted), wider.promising(PROMISING, terms))
-        except GroundError:  # the motion is not finite
+        except Diverged:  # the motion is not finite
             break
         near = refitted
     return first, best
 
 
-def known_wrenches(found: Found, runs: Sequence[_core.RunData], likelihood: Likelihood) -> List[Array]:
+def known_wrenches(
+    found: PredictableWrench, runs: Sequence[_core.RunData], likelihood: Likelihood
+) -> List[Array]:
     """The predicted wrench of each run, at all of its samples, with the mean constant wrench of
     the others."""
     trims = np.array([trim["wrench"] for trim in found.fit.trims])

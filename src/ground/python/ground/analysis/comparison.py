@@ -7,9 +7,8 @@ from typing import Dict, List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import horizon
-from ground.recordings import windows
-from ground.recordings.recording import VELOCITY, unit
+from ground.analysis import horizon, windows
+from ground.reading.recording import VELOCITY, unit
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 

@@ -22,16 +22,16 @@ from ground.analysis import (
     run_differences,
     window_error,
 )
-from ground.analysis.candidates import Candidate
 from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.evidence import Dropped
-from ground.analysis.judge import Comparison, Tested, compared
-from ground.analysis.likelihood import COARSE, Fit, Kind, Likelihood
+from ground.analysis.judge import PairedComparison, Tested, compared
+from ground.analysis.likelihood import COARSE, Likelihood, LikelihoodFit, RunDifference
 from ground.analysis.score_tests import UNSEEN
 from ground.analysis.search import LEVEL, LookAlike, Search
 from ground.analysis.simulation_search import SimulationSearch
+from ground.effect_library.candidates import Candidate
 from ground.support.annotations import Array
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 from ground.support.progress import Work
 from ground.support.workers import Workers
 
@@ -49,12 +49,12 @@ class Step:
     added: str
     fit: folds.Judged  # the model with the effect, fitted and judged
     group: Tuple[str, ...]  # effects that the data cannot distinguish from it, itself first
-    rest: Fit  # the fit of the grown model without the effect
+    rest: LikelihoodFit  # the fit of the grown model without the effect
     p_value: float  # of the test that the effect does nothing, given the other effects
-    confirmed: Comparison  # the grown model with it and without it, on parts of the runs held out
+    confirmed: PairedComparison  # the grown model with it and without it, on parts of the runs held out
 
 
-class Diagnosis:
+class StepwiseDiagnosis:
     """A model compared with runs, and grown by the missing effects.
 
     runs: _core.RunData to fit to, of which long ones are used in parts (ground.analysis.excerpts);
@@ -88,12 +88,12 @@ class Diagnosis:
         self.chosen: List[Candidate] = []  # in the order of their choice
         self.steps: List[Step] = []
         self.dropped: List[Dropped] = []
-        # By the Fit of a set of effects, because a set may be fitted again
-        self.fuller: Dict[Fit, Fit] = {}  # with an effect that is too small to matter
-        self.ceilings: Dict[Fit, ceiling.Ceiling] = {}  # slight effects included
-        self.floors: Dict[Fit, float] = {}  # noise floors
-        self.formulas: Dict[Fit, Optional[naming.Formula]] = {}
-        self.judged: Dict[Fit, folds.Judged] = {}
+        # By the LikelihoodFit of a set of effects, because a set may be fitted again
+        self.fuller: Dict[LikelihoodFit, LikelihoodFit] = {}  # with an effect that is too small to matter
+        self.ceilings: Dict[LikelihoodFit, ceiling.Ceiling] = {}  # slight effects included
+        self.floors: Dict[LikelihoodFit, float] = {}  # noise floors
+        self.formulas: Dict[LikelihoodFit, Optional[naming.Formula]] = {}
+        self.judged: Dict[LikelihoodFit, folds.Judged] = {}
         self.tried: List[evidence.Trial] = []  # each effect added to the nominal model, best first
         with self.work.stage("fitting the model as it is"):
             # everything that may differ between runs does
@@ -103,7 +103,7 @@ class Diagnosis:
             self.bare = run_differences.differences(self.varied, fit)  # beside the model as it is
             self._begin(self.bare, fit)
 
-    def _begin(self, differences: Mapping[Kind, float], near: Fit) -> None:
+    def _begin(self, differences: Mapping[RunDifference, float], near: LikelihoodFit) -> None:
         """Starts a search in which the differences between runs are random effects."""
         self.differences = differences
         levels = [kind.level for kind in differences]
@@ -120,7 +120,7 @@ class Diagnosis:
         self.search.nominal(near)
         self.nominal = self.judge(frozenset())
         if not np.isfinite(self.nominal.heldout).all():
-            raise GroundError("the motion of the given model, fitted to a part of the runs, is not finite")
+            raise Diverged("the motion of the given model, fitted to a part of the runs, is not finite")
 
     @property
     def is_excerpt(self) -> bool:
@@ -133,8 +133,8 @@ class Diagnosis:
         return frozenset(c.name for c in self.chosen)
 
     @property
-    def fit(self) -> Fit:
-        """likelihood.Fit of the grown model."""
+    def fit(self) -> LikelihoodFit:
+        """LikelihoodFit of the grown model."""
         return self.search.fits[self.names]
 
     @property
@@ -272,17 +272,17 @@ class Diagnosis:
             return None
         return "it does not improve predictions of held-out runs"
 
-    def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Comparison:
+    def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> PairedComparison:
         """A set compared with a smaller one on parts of the runs that neither was fitted to. What matters
         does not count: of many effects some would be vetoed by chance."""
         larger, smaller = (self.folds.test(self.search.fits[names])[0] for names in (found, rest))
         return compared(larger, smaller, np.full(2, np.inf))
 
-    def compared(self, larger: Tested, smaller: Tested) -> Comparison:
-        """The Comparison of two hypotheses, by what matters here."""
+    def compared(self, larger: Tested, smaller: Tested) -> PairedComparison:
+        """The PairedComparison of two hypotheses, by what matters here."""
         return compared(larger, smaller, self.matters)
 
-    def _change(self, before: _core.Model, after: _core.Model) -> horizon.Change:
+    def _change(self, before: _core.Model, after: _core.Model) -> horizon.PredictionChange:
         """By how much the poses differ that two models predict."""
         return horizon.change(self.runs, self.starts.windows, self.prediction_time, (before, after))
 
@@ -326,7 +326,7 @@ class Diagnosis:
             free = tuple(p for p in fit.free if p.split(".")[0] != name)
             try:
                 without = self.likelihood.fit(model, free, near=fit)
-            except GroundError:  # the motion is not finite without it
+            except Diverged:  # the motion is not finite without it
                 continue
             if 2 * (fit.log_posterior - without.log_posterior) < self.search.threshold(name):
                 rest = self._leave_out(rest, name, "it imitates what has no name (%s)" % named.means)
@@ -364,7 +364,7 @@ class Diagnosis:
         """Replaces the effects that were found by those that lower the simulation error on held-out data;
         whether there are any. why: they are replaced."""
 
-        def helps(larger: window_error.WindowFit, smaller: window_error.WindowFit) -> Comparison:
+        def helps(larger: window_error.WindowFit, smaller: window_error.WindowFit) -> PairedComparison:
             return self.compared(*(self.tested(self.fitter, one) for one in (larger, smaller)))
 
         search = SimulationSearch(
@@ -383,7 +383,7 @@ class Diagnosis:
                     confirmed = helps(search.fit(whole), search.fit(rest))
                     without = self._beside(search.fit(rest))
                     steps.append(Step(name, judged, (name,), without, chance, confirmed))
-            except GroundError:  # a motion is not finite
+            except Diverged:  # a motion is not finite
                 return False
         if not added:
             return False
@@ -407,7 +407,7 @@ class Diagnosis:
             self._leave_out(self.names, name, why)
         self.chosen, self.steps = [], []
 
-    def _beside(self, fitted: window_error.WindowFit) -> Fit:
+    def _beside(self, fitted: window_error.WindowFit) -> LikelihoodFit:
         """The likeliest levels beside a model that was fitted by simulation error."""
         return self.likelihood.fit(fitted.model, (), near=self.search.fits[frozenset()])
 

@@ -7,9 +7,9 @@ from typing import Iterable, List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates
 from ground.analysis.distributions import chi_squared_above
-from ground.analysis.horizon import Change
+from ground.analysis.horizon import PredictionChange
+from ground.effect_library import candidates
 from ground.support.annotations import Document
 
 
@@ -30,14 +30,14 @@ class Dropped:
 
     trial: Trial
     why: str
-    change: Optional[Change] = None  # of predicted poses, where it is too small to matter
+    change: Optional[PredictionChange] = None  # of predicted poses, where it is too small to matter
 
 
 def trial(name: str, model: _core.Model, parameters: Sequence[Document], gain: float, samples: int) -> Trial:
     """A Trial. model: any with the effect; gain: log-likelihood ratio 2 (L1 - L0) against the model without;
     samples: number of samples of the data."""
     described = candidates.parameters_of(model, name)
-    on_bound = sum(p["neutral"] in (p["lower"], p["upper"]) for p in described)
+    on_bound = sum(p.neutral in (p.lower, p.upper) for p in described)
     bic = float(len(described) * np.log(samples) - gain)
     return Trial(name, parameters, p_value(gain, len(described), on_bound), bic)
 

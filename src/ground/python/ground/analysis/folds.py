@@ -6,14 +6,13 @@ from typing import Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import window_error
+from ground.analysis import window_error, windows
 from ground.analysis.horizon import Starts
 from ground.analysis.judge import Tested
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.thinning import at_samples
-from ground.recordings import windows
 from ground.support.annotations import Array, Document, Each
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 MOST_SAMPLES = 6000  # poses, thinned, in an excerpt of runs
 
@@ -28,8 +27,8 @@ class Judged:
     heldout: Array  # (3,) the same, each window by a fit to the other parts; differences between
     # runs are estimated from the run's poses before the window (window_error.calibrated_errors)
     tested: Tested  # by the fits to the other parts
-    fit: Optional[Fit] = None  # None: fitted by simulation error
-    others: Sequence[Fit] = ()  # the fits to all but each part
+    fit: Optional[LikelihoodFit] = None  # None: fitted by simulation error
+    others: Sequence[LikelihoodFit] = ()  # the fits to all but each part
 
     @property
     def by(self) -> str:
@@ -68,36 +67,36 @@ class Folds:
         self.tested = [likelihood(parts[f :: self.count]) for f in folds]
         self.fold_of = window_error.parts_of(runs, cut)
         self.start_of = window_error.parts_of(runs, at.windows)
-        self._tests: Dict[Fit, Tuple[Tested, Sequence[Fit]]] = {}
+        self._tests: Dict[LikelihoodFit, Tuple[Tested, Sequence[LikelihoodFit]]] = {}
 
-    def models(self, fit: Fit) -> List[Fit]:
-        """Models refitted without each fold, starting from a Fit to all runs; its levels are kept. Raises
-        GroundError where one cannot be simulated."""
+    def models(self, fit: LikelihoodFit) -> List[LikelihoodFit]:
+        """Models refitted without each fold, starting from a LikelihoodFit to all runs; its levels are kept.
+        Raises GroundError where one cannot be simulated."""
         return list(self.each(lambda fold: self._without(fold, fit), range(self.count)))
 
-    def _without(self, fold: int, fit: Fit) -> Fit:
-        """A Fit refitted without a fold. The noise of each run is found anew; where the motion is not finite
-        without it, the search starts from that of the Fit."""
+    def _without(self, fold: int, fit: LikelihoodFit) -> LikelihoodFit:
+        """A LikelihoodFit refitted without a fold. The noise of each run is found anew; where the motion is
+        not finite without it, the search starts from that of the Fit."""
         own = fit.loudness * (self.count - 1)
         if len(self.runs) > 1:
             own = tuple(noise for run, noise in enumerate(fit.loudness) if run % self.count != fold)
 
-        def refitted(loudness: Tuple[float, ...]) -> Fit:
+        def refitted(loudness: Tuple[float, ...]) -> LikelihoodFit:
             near = replace(fit, loudness=loudness)
             return self.fitted[fold].fit(fit.model, fit.free, near=near, levels=False)
 
         try:
             return refitted(())
-        except GroundError:
+        except Diverged:
             return refitted(own)
 
-    def judge(self, fit: Fit) -> Judged:
-        """The Judged of a Fit to all runs. Its errors are infinite where a motion is not finite: the filter
-        of a likelihood holds an unstable model at what was measured, and predictions do not."""
+    def judge(self, fit: LikelihoodFit) -> Judged:
+        """The Judged of a LikelihoodFit to all runs. Its errors are infinite where a motion is not finite:
+        the filter of a likelihood holds an unstable model at what was measured, and predictions do not."""
         tested, refitted = self.test(fit)
         try:
             error = window_error.channel_errors(self.runs, self.cut, fit.model)
-        except GroundError:
+        except Diverged:
             never = np.full(3, np.inf)
             return Judged(fit.model, fit.parameters, never, never, self._never(), fit, refitted)
         heldout = np.zeros((len(self.cut), 3))
@@ -109,13 +108,13 @@ class Folds:
         mean = window_error.mean(self.cut, heldout)
         return Judged(fit.model, fit.parameters, error, mean, tested, fit, refitted)
 
-    def test(self, fit: Fit) -> Tuple[Tested, Sequence[Fit]]:
-        """What a Fit's refits to all but each part predict of it, and these refits."""
+    def test(self, fit: LikelihoodFit) -> Tuple[Tested, Sequence[LikelihoodFit]]:
+        """What a LikelihoodFit's refits to all but each part predict of it, and these refits."""
         if fit not in self._tests:
             try:
                 refitted = self.models(fit)
                 self._tests[fit] = self._tested(refitted), refitted
-            except GroundError:
+            except Diverged:
                 self._tests[fit] = self._never(), [fit] * self.count
         return self._tests[fit]
 
@@ -124,15 +123,15 @@ class Folds:
         errors = np.full((len(self.at.windows), 2), np.inf)
         return Tested(errors, self.start_of, (np.array([-np.inf]),) * self.count)
 
-    def judge_simulated(self, fit: Fit, found: window_error.WindowFit) -> Judged:
-        """The Judged of a model that was fitted by simulation error to the windows; fit: a Fit of the levels
-        beside it, without a free parameter."""
+    def judge_simulated(self, fit: LikelihoodFit, found: window_error.WindowFit) -> Judged:
+        """The Judged of a model that was fitted by simulation error to the windows; fit: a LikelihoodFit of
+        the levels beside it, without a free parameter."""
         others = [
             self._without(fold, replace(fit, model=found.others[fold]["model"])) for fold in range(self.count)
         ]
         return judged_windows(found, self._tested(others), others)
 
-    def _tested(self, fits: Sequence[Fit]) -> Tested:
+    def _tested(self, fits: Sequence[LikelihoodFit]) -> Tested:
         """What Fits to all but each part predict of it."""
         blocks = self.each(lambda pair: np.concatenate(_blocks_of(*pair)), zip(self.tested, fits))
         models: List[_core.Model] = [fits[0].model] * len(self.at.windows)
@@ -144,35 +143,38 @@ class Folds:
         return Tested(self.at.errors(self.runs, models), self.start_of, tuple(blocks))
 
 
-def judged_windows(found: window_error.WindowFit, tested: Tested, others: Sequence[Fit] = ()) -> Judged:
+def judged_windows(
+    found: window_error.WindowFit, tested: Tested, others: Sequence[LikelihoodFit] = ()
+) -> Judged:
     """The Judged of a model that was fitted by simulation error."""
     return Judged(found.model, found.parameters, found.error, found.heldout, tested, None, others)
 
 
-def _blocks_of(likelihood: Likelihood, fit: Fit) -> List[Array]:
-    """Log-likelihood of the blocks of each run by a Fit to others. Noise and disturbance are those of
-    these runs themselves: what is judged is the motion, and a model that leaves less to the
+def _blocks_of(likelihood: Likelihood, fit: LikelihoodFit) -> List[Array]:
+    """Log-likelihood of the blocks of each run by a LikelihoodFit to others. Noise and disturbance are those
+    of these runs themselves: what is judged is the motion, and a model that leaves less to the
     disturbance would else be too sure of runs that differ from those it was fitted to. -inf for all
     blocks of a run together where the motion is not finite."""
     try:
         own = likelihood.fit(fit.model, [], near=replace(fit, loudness=()))
         return likelihood.blocks(own, own.loudness)
-    except GroundError:
+    except Diverged:
         return [np.array([-np.inf])] * len(likelihood.runs)
 
 
-def tested(runs: Sequence[_core.RunData], at: Starts, likelihood: Likelihood, fit: Fit) -> Tested:
-    """A Fit on runs that it was not fitted to, as it is; likelihood: of these runs; at: their Starts."""
+def tested(runs: Sequence[_core.RunData], at: Starts, likelihood: Likelihood, fit: LikelihoodFit) -> Tested:
+    """A LikelihoodFit on runs that it was not fitted to, as it is; likelihood: of these runs; at: their
+    Starts."""
     models = window_error.calibrated_models(runs, at.windows, likelihood, fit)
     return Tested(at.errors(runs, models), at.of_run, tuple(_blocks_of(likelihood, fit)))
 
 
 def excerpt(
     likelihood: Likelihood,
-    fit: Fit,
+    fit: LikelihoodFit,
     runs: Sequence[_core.RunData],
     cut: Sequence[_core.Window],
-) -> Tuple[Likelihood, Fit, Sequence[_core.RunData], Sequence[_core.Window]]:
+) -> Tuple[Likelihood, LikelihoodFit, Sequence[_core.RunData], Sequence[_core.Window]]:
     """The same if the runs are short together, else stretches of them that are spread evenly."""
     samples = sum(len(run.times) for run in likelihood.runs)
     if samples <= MOST_SAMPLES:

@@ -1,14 +1,12 @@
-"""Formulas of what has no name, in words, and numbers with their units."""
+"""Formulas of what has no name, in words."""
 
-import math
 import re
 from dataclasses import dataclass
-from typing import Dict, Mapping, Optional, Sequence, Tuple
-
-import numpy as np
+from typing import Dict, Mapping, Sequence, Tuple
 
 from ground.analysis.dictionary import Feature
 from ground.analysis.samples import Memory
+from ground.support.quantities import quantity
 
 
 def of_feature(feature: Feature, size: str, own: Mapping[str, str], memory: Memory) -> str:
@@ -59,7 +57,7 @@ def in_words(arguments: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True)
-class Piece:
+class FormulaTerm:
     """A part of a formula, by channel, and its parameters: value, unit, lower and upper bound."""
 
     number: int
@@ -67,7 +65,7 @@ class Piece:
     parameters: Dict[str, Tuple[float, str, float, float]]
     means: str
     states: Dict[str, str]
-    simpler: Tuple["Piece", ...]  # pieces with a factor less
+    simpler: Tuple["FormulaTerm", ...]  # pieces with a factor less
 
     @property
     def size(self) -> str:
@@ -75,12 +73,12 @@ class Piece:
         return "c%d" % self.number
 
 
-def of_pieces(pieces: Sequence[Piece], values: Mapping[str, float]) -> str:
+def of_pieces(pieces: Sequence[FormulaTerm], values: Mapping[str, float]) -> str:
     """Pieces of a formula in words, with their values."""
     return " and ".join(_told(piece, values) for piece in pieces)
 
 
-def _told(piece: Piece, values: Mapping[str, float]) -> str:
+def _told(piece: FormulaTerm, values: Mapping[str, float]) -> str:
     """A piece in words, with its values."""
     told = re.sub(r"<(\w+)>", lambda found: "%.3g" % values[found.group(1)], piece.means)
     told = told.replace("--", "+").replace("+-", "-")
@@ -89,34 +87,3 @@ def _told(piece: Piece, values: Mapping[str, float]) -> str:
         lambda found: quantity(values[found.group(1)], piece.parameters[found.group(1)][1]),
         told,
     )
-
-
-def quantity(value: float, unit: str, digits: int = 3) -> str:
-    """A number with its unit; a small one has the prefix milli if the unit allows it."""
-    factor, unit = _scale(value, unit)
-    return ("%.*g %s" % (digits, factor * value, unit)).rstrip(" -")
-
-
-def with_interval(
-    value: float, low: float, high: float, unit: str, runs: Optional[Tuple[float, float]] = None
-) -> str:
-    """A number with its 95% interval, as precise as the interval: "50.02 ms (95%: 49.98 to 50.05 ms)". runs:
-    the least and the largest of runs that differ."""
-    factor, unit = _scale(value, unit)
-    half = factor * max(high - value, value - low)
-    places = 3 if not 0 < half < math.inf else int(np.clip(-math.floor(math.log10(half)), 0, 9))
-    if runs and factor * value:  # the interval may be wide: at least two digits of the value
-        places = max(places, int(np.clip(1 - math.floor(math.log10(abs(factor * value))), 0, 9)))
-    numbers = [value, low, high, *(runs or ())]
-    told = ["%.*f" % (places, round(factor * number, places) + 0.0) for number in numbers]
-    unit = " " + unit if unit not in ("", "-") else ""
-    differ = "; runs differ: %s to %s%s" % (told[3], told[4], unit) if runs else ""
-    return "%s%s (95%%: %s to %s%s%s)" % (told[0], unit, told[1], told[2], unit, differ)
-
-
-def _scale(value: float, unit: str) -> Tuple[float, str]:
-    """The factor and the unit with which a value is easy to read: the prefix milli if it is small."""
-    unit = re.sub(r"/\((.*)\)$", r" per \1", unit)
-    if 0 < abs(value) < 0.1 and (unit in ("s", "m", "rad") or unit.startswith("N")):
-        return 1e3, "m" + unit
-    return 1.0, unit

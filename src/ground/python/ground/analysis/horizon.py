@@ -8,11 +8,11 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import window_error
+from ground.analysis import window_error, windows
 from ground.analysis.likelihood import call
-from ground.recordings import headings, windows
+from ground.poses import headings
 from ground.support.annotations import Array, Document, Indices
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged, GroundError
 
 MIN_POSES = 10  # intervals between poses in the shortest horizon
 WARM_UP = 0.5  # time before a start that its initial velocities are fitted to [horizons]
@@ -75,7 +75,7 @@ class Starts:
         for i in np.unique(self.of_run):
             at = np.flatnonzero(self.of_run == i).tolist()
             own = [self.windows[k] for k in at]
-            with contextlib.suppress(GroundError):
+            with contextlib.suppress(Diverged):
                 found[at] = pose_errors(runs, [models[k] for k in at], own, self.seconds)
         return found
 
@@ -213,7 +213,7 @@ def with_floors(
     def floor_of(pushed: Optional[Mapping[str, float]]) -> PoseError:
         try:
             return PoseError.of(artificial_errors(runs, chosen, at.seconds, truth, pushed))
-        except GroundError:
+        except Diverged:
             return PoseError(np.inf, np.inf)
 
     return PredictionError(at.seconds, dict(errors), floor_of(None), floor_of(levels) if levels else None)
@@ -240,7 +240,7 @@ def artificial_errors(
 
 
 @dataclass(frozen=True)
-class Change:
+class PredictionChange:
     """Distance between the poses that two models predict at a horizon, rms over starts."""
 
     seconds: float  # the horizon
@@ -254,15 +254,16 @@ def change(
     chosen: Sequence[_core.Window],
     seconds: float,
     models: Tuple[_core.Model, _core.Model],
-) -> Change:
-    """The Change between the predicted_poses of two models; infinite where a motion is not finite."""
+) -> PredictionChange:
+    """The PredictionChange between the predicted_poses of two models; infinite where a motion is not
+    finite."""
     try:
         a, b = (predicted_poses(runs, model, chosen, seconds) for model in models)
-    except GroundError:
-        return Change(seconds, np.inf, np.inf, np.inf)
+    except Diverged:
+        return PredictionChange(seconds, np.inf, np.inf, np.inf)
     position, heading = np.sqrt((apart(a, b) ** 2).mean(axis=0)).tolist()
     relative = np.array([position, heading]) / pose_noise(runs)
-    return Change(seconds, position, heading, float(relative.max()))
+    return PredictionChange(seconds, position, heading, float(relative.max()))
 
 
 def pose_noise(runs: Sequence[_core.RunData]) -> Array:

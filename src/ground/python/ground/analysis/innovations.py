@@ -7,22 +7,24 @@ from typing import List, Sequence
 
 import numpy as np
 
-from ground.analysis.likelihood import Fit, Likelihood
-from ground.recordings import scatter, windows
+from ground.analysis import windows
+from ground.analysis.likelihood import Likelihood, LikelihoodFit
+from ground.effect_library.parameters import described
+from ground.poses import scatter
 from ground.support.annotations import Array, Indices
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 STEP = 1e-3  # relative step of a parameter, and delay of all commands [time scales], for finite differences
 
 
 class Innovations:
-    """Innovations of a Fit on the runs of a Likelihood, one run after the other.
+    """Innovations of a LikelihoodFit on the runs of a Likelihood, one run after the other.
 
     Their derivatives by the free parameters, and by a delay of all commands, are projected out of them and
     of all responses. What a known wrench explains is to be explained again.
     """
 
-    def __init__(self, likelihood: Likelihood, fit: Fit) -> None:
+    def __init__(self, likelihood: Likelihood, fit: LikelihoodFit) -> None:
         self.likelihood, self.fit = likelihood, fit
         runs = range(len(likelihood.runs))
         self._scored = [np.array(likelihood.residuals(fit.point, i)["scored"], bool) for i in runs]
@@ -83,14 +85,13 @@ class Innovations:
     def _jacobian(self, i: int, innovations: Array) -> Array:
         """Changes of the innovations of a run; 0 where one leaves no finite motion."""
         fit, run = self.fit, self.likelihood.runs[i]
-        described = {p["name"]: p for p in fit.model.parameters()}
-        changed = []
+        known, changed = described(fit.model), []
         for name in fit.free:
-            value, p = fit.model.value(name), described[name]
+            value, p = fit.model.value(name), known[name]
             if np.isfinite(value):
-                step = STEP * (abs(value) or p["scale"])
+                step = STEP * (abs(value) or p.scale)
                 model = fit.model.copy()
-                model.set_value(name, value + step if value + step <= p["upper"] else value - step)
+                model.set_value(name, value + step if value + step <= p.upper else value - step)
                 changed.append((self.likelihood, replace(fit, model=model), i))
         late = np.array(run.inputs)
         late[:, 0] += STEP * windows.time_scale([run])
@@ -98,11 +99,11 @@ class Innovations:
         changed.append((Likelihood([run.replaced(inputs=late)], self.likelihood.craft), alone, 0))
         columns = np.zeros((len(innovations), len(changed)))
         for k, other in enumerate(changed):
-            with contextlib.suppress(GroundError):
+            with contextlib.suppress(Diverged):
                 columns[:, k] = innovations - self._innovations(*other)
         return columns
 
     @staticmethod
-    def _innovations(likelihood: Likelihood, fit: Fit, run: int) -> Array:
+    def _innovations(likelihood: Likelihood, fit: LikelihoodFit, run: int) -> Array:
         left = likelihood.residuals(fit.point, run)
         return np.asarray(np.array(left["whitened"])[np.array(left["scored"])].reshape(-1))

@@ -39,7 +39,7 @@ class Tested:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PairedComparison:
     """Paired comparison of two hypotheses on held-out data: of the larger one, and of the smaller one."""
 
     verdict: str  # better, undecided or worse with the larger one
@@ -64,8 +64,8 @@ class Comparison:
         return self.gain > self.gain_error or -self.rise > self.rise_error
 
 
-def compared(larger: Tested, smaller: Tested, matters: Array) -> Comparison:
-    """The Comparison of two hypotheses. matters: least change of position [mm] and heading [deg] that
+def compared(larger: Tested, smaller: Tested, matters: Array) -> PairedComparison:
+    """The PairedComparison of two hypotheses. matters: least change of position [mm] and heading [deg] that
     matters, (2,)."""
     gain, gain_error = _gain(larger, smaller)
     rise, rise_error, deviations = _rise(larger.poses, smaller.poses, larger.part_of)
@@ -76,7 +76,7 @@ def compared(larger: Tested, smaller: Tested, matters: Array) -> Comparison:
         verdict = "worse"
     elif (rise < 0 and -deviations > DEVIATIONS) or gain > DEVIATIONS * gain_error:
         verdict = "better"
-    return Comparison(verdict, gain, gain_error, rise, rise_error)
+    return PairedComparison(verdict, gain, gain_error, rise, rise_error)
 
 
 def _rms(poses: Array) -> Array:

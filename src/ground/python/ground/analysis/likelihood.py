@@ -13,8 +13,9 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Seque
 import numpy as np
 
 from ground import _core
+from ground.analysis import windows
 from ground.analysis.thinning import thinned
-from ground.recordings import windows
+from ground.effect_library.parameters import ParameterInfo, described
 from ground.support.annotations import Array, Document
 from ground.support.errors import core_errors
 
@@ -27,7 +28,7 @@ ABSENT = 1e-3  # share of a usual level that has no effect
 
 
 @dataclass(frozen=True)
-class Kind:
+class RunDifference:
     """A wrench on a channel, or the thrust, that may differ from run to run."""
 
     parameter: str
@@ -37,15 +38,15 @@ class Kind:
 
 
 KINDS = (
-    Kind("surge force", "N", "trim_X", "time_X"),
-    Kind("side force", "N", "trim_Y", "time_Y"),
-    Kind("yaw moment", "N m", "trim_N", "time_N"),
-    Kind("thrust", "-", "thrust", ""),
+    RunDifference("surge force", "N", "trim_X", "time_X"),
+    RunDifference("side force", "N", "trim_Y", "time_Y"),
+    RunDifference("yaw moment", "N m", "trim_N", "time_N"),
+    RunDifference("thrust", "-", "thrust", ""),
 )
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class LikelihoodFit:
     """The likeliest parameters and levels. Two are the same only if they are one object."""
 
     model: _core.Model
@@ -73,23 +74,23 @@ class Fit:
     def ratio_without(self, effect: str) -> float:
         """Log-likelihood ratio 2 (L1 - L0) to the model without an effect, by the information
         (Wald)."""
-        described = {p["name"]: p for p in self.model.parameters() if not p["shape"]}
-        at = [i for i, name in enumerate(self.free) if name.split(".")[0] == effect and name in described]
-        own = [described[self.free[i]] for i in at]
-        away = np.array([step(p, p["neutral"], self.model.value(p["name"])) for p in own])
+        known = {name: p for name, p in described(self.model).items() if not p.shape}
+        at = [i for i, name in enumerate(self.free) if name.split(".")[0] == effect and name in known]
+        own = [known[self.free[i]] for i in at]
+        away = np.array([step(p, p.neutral, self.model.value(p.name)) for p in own])
         covariance = np.linalg.pinv(self.information, rcond=1e-10, hermitian=True)[np.ix_(at, at)]
         away = away / self.scale[at]
         return float(away @ np.linalg.lstsq(covariance, away, rcond=1e-10)[0])
 
 
-def step(parameter: Document, first: float, second: float) -> float:
+def step(parameter: ParameterInfo, first: float, second: float) -> float:
     """The step of a parameter's coordinate from one value to another."""
     return float(1 / second - 1 / first if is_reciprocal(parameter) else second - first)
 
 
-def is_reciprocal(parameter: Document) -> bool:
+def is_reciprocal(parameter: ParameterInfo) -> bool:
     """Whether its coordinate is 1 / value: of the inertia, and of what is neutral at infinity."""
-    return bool(np.isinf(parameter["neutral"]) or parameter["name"] == "I_z")
+    return bool(np.isinf(parameter.neutral) or parameter.name == "I_z")
 
 
 class Likelihood:
@@ -117,14 +118,14 @@ class Likelihood:
         self,
         model: _core.Model,
         free: Sequence[str],
-        near: Optional[Fit] = None,
+        near: Optional[LikelihoodFit] = None,
         levels: bool = True,
         held: Optional[Mapping[str, float]] = None,
         least_gain: float = LEAST_GAIN,
-    ) -> Fit:
+    ) -> LikelihoodFit:
         """The likeliest values of the free parameters; the search begins at the model's values.
 
-        near: a Fit whose levels are near the optimum; without it they start far away. levels:
+        near: a LikelihoodFit whose levels are near the optimum; without it they start far away. levels:
         whether levels are fitted, too; held: values, by name, of levels that are fixed; least_gain: of
         the log-posterior, below which the search ends. Raises GroundError when the model cannot be
         simulated.
@@ -144,11 +145,11 @@ class Likelihood:
             least_gain=least_gain,
         )
         at = found["point"]
-        own = {field.name: found[field.name] for field in fields(Fit) if field.name in found}
+        own = {field.name: found[field.name] for field in fields(LikelihoodFit) if field.name in found}
         own.update({name: np.array(found[name]) for name in ("by_run", "scale")})
-        return Fit(at.model, at.levels, tuple(at.log_scales), tuple(free), **own)
+        return LikelihoodFit(at.model, at.levels, tuple(at.log_scales), tuple(free), **own)
 
-    def intervals(self, fit: Fit) -> List[Document]:
+    def intervals(self, fit: LikelihoodFit) -> List[Document]:
         """The fitted parameters, with 95% intervals that include the uncertainty of the levels: a
         list of dictionaries as Fit has them."""
         return call(
@@ -161,7 +162,7 @@ class Likelihood:
             threads=self.threads,
         )
 
-    def blocks(self, fit: Fit, loudness: Sequence[float] = ()) -> List[Array]:
+    def blocks(self, fit: LikelihoodFit, loudness: Sequence[float] = ()) -> List[Array]:
         """Log-likelihood of blocks of time under another fit, one array per run. Raises GroundError
         when the motion is not finite."""
         point, block = (
@@ -170,7 +171,7 @@ class Likelihood:
         )
         return call(self.box.likelihood, point, cap=CAP, block=block, threads=self.threads)
 
-    def constants(self, fit: Fit, run: int) -> Tuple[Array, Array]:
+    def constants(self, fit: LikelihoodFit, run: int) -> Tuple[Array, Array]:
         """Wrench X, Y [N], N [N m] and relative change of thrust that are constant in a run, as
         estimated from its poses up to each time under another fit: times [s], (times, 4)."""
         point = _core.GreyBoxPoint(fit.model, fit.levels, [])
@@ -181,7 +182,7 @@ class Likelihood:
         """GreyBox.residuals; GroundError when the motion is not finite."""
         return call(self.box.residuals, point, run, cap=CAP, **acting)
 
-    def scores(self, fit: Fit, model: _core.Model, names: Sequence[str]) -> Dict[str, Array]:
+    def scores(self, fit: LikelihoodFit, model: _core.Model, names: Sequence[str]) -> Dict[str, Array]:
         """Derivatives of the log-likelihood at a fit with respect to parameters of an extended
         model, which are neutral: score (blocks, n), information (n, n), scale (n,), run
         (blocks,)."""

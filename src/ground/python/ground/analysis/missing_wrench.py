@@ -6,9 +6,8 @@ from typing import List, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import residuals
+from ground.analysis import residuals, windows
 from ground.analysis.likelihood import CAP
-from ground.recordings import windows
 from ground.support.annotations import Array, Document
 
 IN_A_ROW = 5  # outliers that make a disturbance
@@ -59,7 +58,7 @@ def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
 
 
 @dataclass
-class Missing:
+class MissingWrench:
     """The missing wrench of a model along a run."""
 
     times: Array  # (n,) [s]
@@ -83,7 +82,7 @@ class Missing:
         return low + (present + 0.5) * side, np.array(means)
 
 
-def of_wrench(calm: Undisturbed, model: _core.Model) -> Missing:
+def of_wrench(calm: Undisturbed, model: _core.Model) -> MissingWrench:
     """Infers the missing wrench along an undisturbed run by a Kalman smoother."""
     eta = np.array(calm.run.eta)
     box, point = residuals.disturbance(calm.run, model, "sigma")
@@ -104,7 +103,7 @@ def of_wrench(calm: Undisturbed, model: _core.Model) -> Missing:
             for i, (channel, scale) in enumerate(zip(CHANNEL_NAMES, full_scale(model)))
         },
     }
-    return Missing(np.array(calm.run.times), wrench, sigma, eta[:, 2], eta[:, :2], numbers)
+    return MissingWrench(np.array(calm.run.times), wrench, sigma, eta[:, 2], eta[:, :2], numbers)
 
 
 def is_negligible(channel: Document) -> bool:

@@ -11,15 +11,16 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, formula_words, samples
+from ground.analysis import formula_words, samples
 from ground.analysis.dictionary import Feature
 from ground.analysis.distributions import chi_squared_above
-from ground.analysis.formula_words import Piece
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.formula_words import FormulaTerm
+from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.regression import LEVEL, Regression, Term
 from ground.analysis.samples import Memory
+from ground.effect_library import candidates
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 NAME = "proposed"  # of the effect
 MIN_RATIO = 12.0  # least log-likelihood ratio 2 ln(with / without) of a feature
@@ -34,9 +35,9 @@ class Formula:
 
     entry: Document  # as model files list effects, its parameters fitted
     means: str  # in words
-    fit: Fit  # of the model with it
+    fit: LikelihoodFit  # of the model with it
     ratio: float  # of the likelihoods with and without it, 2 ln
-    pieces: Tuple[Piece, ...]
+    pieces: Tuple[FormulaTerm, ...]
 
     def in_words(self, model: _core.Model, name: str) -> str:
         """What it means at the values of a model that has it by this name."""
@@ -46,13 +47,13 @@ class Formula:
 
 def formula(
     likelihood: Likelihood,
-    fit: Fit,
+    fit: LikelihoodFit,
     regression: Regression,
     begun: Optional[Formula] = None,
     shows: Callable[[Formula], bool] = lambda made: True,
 ) -> Optional[Formula]:
-    """The Formula of what a regression finds beside a Fit; None if nothing is significant. begun: a formula
-    beside which it was found, to be made longer; shows: whether one is worth its simplest form."""
+    """The Formula of what a regression finds beside a LikelihoodFit; None if nothing is significant. begun: a
+    formula beside which it was found, to be made longer; shows: whether one is worth its simplest form."""
     kept = begun.pieces if begun else ()
     chosen = _chosen_features(regression)[: LONGEST - len(kept)]
     if not chosen:
@@ -88,7 +89,7 @@ def _chosen_features(regression: Regression) -> List[Term]:
     return terms
 
 
-def _shortened(likelihood: Likelihood, fit: Fit, made: Formula) -> Formula:
+def _shortened(likelihood: Likelihood, fit: LikelihoodFit, made: Formula) -> Formula:
     """A Formula of those of its pieces that earn their place."""
     while len(made.pieces) > 1:
         worth = [_worth(made.fit, piece) for piece in made.pieces]
@@ -102,7 +103,7 @@ def _shortened(likelihood: Likelihood, fit: Fit, made: Formula) -> Formula:
     return made
 
 
-def _simplified(likelihood: Likelihood, fit: Fit, made: Formula) -> Formula:
+def _simplified(likelihood: Likelihood, fit: LikelihoodFit, made: Formula) -> Formula:
     """A Formula of pieces with a factor less where that is as likely."""
     for i, piece in enumerate(made.pieces):
         for simpler in piece.simpler:
@@ -113,7 +114,7 @@ def _simplified(likelihood: Likelihood, fit: Fit, made: Formula) -> Formula:
     return made
 
 
-def _worth(fit: Fit, piece: Piece) -> float:
+def _worth(fit: LikelihoodFit, piece: FormulaTerm) -> float:
     """Squared ratio of the size of a piece to its standard deviation, roughly the log-likelihood ratio to
     the formula without it."""
     size = next(p for p in fit.parameters if p["name"].split(".")[-1] == piece.size)
@@ -130,7 +131,7 @@ def _enclosed(text: str) -> str:
     return "(%s)" % text
 
 
-def _piece(feature: Feature, size: float, number: int, memory: Memory) -> Piece:
+def _piece(feature: Feature, size: float, number: int, memory: Memory) -> FormulaTerm:
     """The piece of a feature of a size. memory: of the model's formulas."""
     name, memory = "c%d" % number, memory.of(str(feature.template))
     own = {n: "%s_%d" % (n, number) for n in feature.constants}
@@ -143,12 +144,14 @@ def _piece(feature: Feature, size: float, number: int, memory: Memory) -> Piece:
     states = {s: rate.format(**{n: n for n in memory.times}) for s, rate in memory.rates.items()}
     simpler = tuple(_piece(one, size, number, memory) for one in feature.simpler)
     means = formula_words.of_feature(feature, name, own, memory)
-    return Piece(number, parts, parameters, means, states, simpler)
+    return FormulaTerm(number, parts, parameters, means, states, simpler)
 
 
-def _fitted(likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit) -> Optional[Formula]:
-    """The Formula of pieces, fitted in the model of a Fit, from the levels of another one near; None where
-    that fails or helps nothing."""
+def _fitted(
+    likelihood: Likelihood, fit: LikelihoodFit, pieces: Sequence[FormulaTerm], near: LikelihoodFit
+) -> Optional[Formula]:
+    """The Formula of pieces, fitted in the model of a LikelihoodFit, from the levels of another one near;
+    None where that fails or helps nothing."""
     entry = _entry(pieces, fit)
     values = {n: p[0] for piece in pieces for n, p in piece.parameters.items()}
     full = {n: "%s.%s" % (entry["name"], n) for n in values}
@@ -157,7 +160,7 @@ def _fitted(likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit
         for n, value in values.items():
             start.set_value(full[n], value)
         fitted = likelihood.fit(start, (*fit.free, *full.values()), near=near)
-    except GroundError:
+    except Diverged:
         return None
     ratio = 2 * (fitted.log_posterior - fit.log_posterior)
     if not (np.isfinite(ratio) and ratio >= MIN_RATIO):
@@ -170,8 +173,9 @@ def _fitted(likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit
     return Formula(_entry(reached, fit), formula_words.of_pieces(reached, values), fitted, ratio, reached)
 
 
-def _entry(pieces: Sequence[Piece], fit: Fit) -> Document:
-    """The effect of pieces as model files list it, by a name that the model of a Fit does not have."""
+def _entry(pieces: Sequence[FormulaTerm], fit: LikelihoodFit) -> Document:
+    """The effect of pieces as model files list it, by a name that the model of a LikelihoodFit does not
+    have."""
     expression: Document = {}
     parameters: Document = {}
     states = {state: rate for piece in pieces for state, rate in piece.states.items()}

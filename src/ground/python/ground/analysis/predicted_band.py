@@ -14,7 +14,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import headings
+from ground.poses import headings
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
@@ -26,7 +26,7 @@ Courses = Callable[[_core.RunData, _core.Model], Optional[Course]]
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class FitWithout:
     """A model fitted without some runs, and these; without any: a model as it would be if something that
     was known before the fit were a standard deviation more."""
 
@@ -34,7 +34,7 @@ class HeldOut:
     runs: Sequence[_core.RunData] = ()
 
 
-def half_width(parts: Sequence[HeldOut], level: float, course: Courses, run: _core.RunData) -> Array:
+def half_width(parts: Sequence[FitWithout], level: float, course: Courses, run: _core.RunData) -> Array:
     """Half the width (n, 6) of the band about the predicted samples of a run not fitted to.
 
     parts: of its fit, held out; level: share of the samples that the band is to hold, of each of x, y, psi,
@@ -56,14 +56,14 @@ def half_width(parts: Sequence[HeldOut], level: float, course: Courses, run: _co
     return np.asarray(_factor(ratios, level) * _deviation(parts, run, course))
 
 
-def beyond(parts: Sequence[HeldOut], predicted: Array) -> List[int]:
+def beyond(parts: Sequence[FitWithout], predicted: Array) -> List[int]:
     """Velocities u, v, r (0, 1, 2) that a prediction (n, 6) takes beyond those of the runs fitted to."""
     seen = np.vstack([np.array(run.nu) for part in parts for run in part.runs])
     size, most = np.abs(predicted[:, 3:]).max(axis=0), np.abs(seen).max(axis=0)
     return [int(i) for i in np.flatnonzero(size > FAR * most)]
 
 
-def _deviation(parts: Sequence[HeldOut], run: _core.RunData, course: Courses) -> Array:
+def _deviation(parts: Sequence[FitWithout], run: _core.RunData, course: Courses) -> Array:
     """By how much predictions differ by chance (n, 6): the jackknife's deviation, about the mean of the fits
     without a part (two of these are further apart than each is from a fit to all), and noise."""
     predicted = [(part, seen[0]) for part in parts for seen in [course(run, part.model)] if seen]

@@ -11,10 +11,11 @@ from typing import Dict, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
+from ground.analysis import windows
 from ground.analysis.distributions import normal_limit
 from ground.analysis.likelihood import ABSENT
 from ground.analysis.thinning import thinned
-from ground.recordings import scatter, windows
+from ground.poses import scatter
 from ground.support.annotations import Array, Document, Indices
 
 LAGS = 40  # number of lags of the auto-correlation [samples]

@@ -11,7 +11,7 @@ from typing import Dict, Mapping
 import numpy as np
 
 from ground.analysis.distributions import chi_squared_above
-from ground.analysis.likelihood import ABSENT, COARSE, KINDS, Fit, Kind, Likelihood
+from ground.analysis.likelihood import ABSENT, COARSE, KINDS, Likelihood, LikelihoodFit, RunDifference
 from ground.analysis.window_error import WRENCH, with_wrench
 
 # Probability of a false finding. It is low, because a disturbance whose correlation time changes
@@ -21,9 +21,9 @@ SLOWEST = 0.3  # longest correlation time of a random wrench, in durations of a 
 # is a difference between runs
 
 
-def differences(likelihood: Likelihood, fit: Fit) -> Dict[Kind, float]:
-    """The Kinds that differ between runs beside a Fit, with their p-values. likelihood: with all random
-    effects."""
+def differences(likelihood: Likelihood, fit: LikelihoodFit) -> Dict[RunDifference, float]:
+    """The Kinds that differ between runs beside a LikelihoodFit, with their p-values. likelihood: with all
+    random effects."""
     if len(likelihood.runs) < 2:
         return {}
     model = with_wrench(fit.model)
@@ -43,15 +43,15 @@ def differences(likelihood: Likelihood, fit: Fit) -> Dict[Kind, float]:
     return {kind: chance for kind, chance in chances.items() if chance < LEVEL}
 
 
-def _with_all(likelihood: Likelihood, fit: Fit) -> Fit:
-    """A Fit whose levels of differences are large enough for a search to start from."""
+def _with_all(likelihood: Likelihood, fit: LikelihoodFit) -> LikelihoodFit:
+    """A LikelihoodFit whose levels of differences are large enough for a search to start from."""
     usual = likelihood.box.start(fit.model).levels
     levels = {k.level: max(usual[k.level], fit.levels[k.level]) for k in KINDS}
     return replace(fit, levels={**fit.levels, **levels})
 
 
 def _chance_without(
-    likelihood: Likelihood, fit: Fit, kind: Kind, slow: Mapping[str, float], slowest: float
+    likelihood: Likelihood, fit: LikelihoodFit, kind: RunDifference, slow: Mapping[str, float], slowest: float
 ) -> float:
     """p-value of the likelihood ratio between a fit and one in which a kind does not differ
     between runs, all other levels refitted. Without a difference the ratio is zero half of the

@@ -13,8 +13,9 @@ import numpy as np
 from scipy import linalg
 
 from ground import _core
-from ground.analysis.likelihood import Fit, Likelihood, call
-from ground.recordings import headings, scatter, windows
+from ground.analysis import windows
+from ground.analysis.likelihood import Likelihood, LikelihoodFit, call
+from ground.poses import headings, scatter
 from ground.support.annotations import Array
 
 RESTART = 0.25  # time that velocities are simulated from a filtered state [time scales]
@@ -122,7 +123,7 @@ def memory(model: _core.Model, time_scale: float) -> Memory:
     return Memory(rates, times)
 
 
-def of_run(likelihood: Likelihood, fit: Fit, run: int) -> Samples:
+def of_run(likelihood: Likelihood, fit: LikelihoodFit, run: int) -> Samples:
     """The Samples of a run under a fitted model."""
     data, model = likelihood.runs[run], fit.model
     times = np.array(data.times)
@@ -154,7 +155,7 @@ def samples_of(model: _core.Model, values: Mapping[str, Array], times: Array, ti
     return Samples({**values, **states}, times, time_scale)
 
 
-def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
+def _velocities(likelihood: Likelihood, fit: LikelihoodFit, run: int) -> Array:
     """Velocities (n, 3), each simulated without correction for at least two thirds of RESTART."""
     data = likelihood.runs[run]
     left = likelihood.residuals(fit.point, run)

@@ -5,8 +5,9 @@ from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates as effects
-from ground.analysis.likelihood import Fit, Likelihood, is_reciprocal
+from ground.analysis.likelihood import Likelihood, LikelihoodFit, is_reciprocal
+from ground.effect_library import candidates as effects
+from ground.effect_library.parameters import ParameterInfo, described
 from ground.support.annotations import Array, Document
 
 UNSEEN = 0.003  # an effect is unseen if the fitted parameters leave less of its information
@@ -21,12 +22,14 @@ class ScoreTests:
     log-likelihood ratio is then s' A^-1 s, at the step A^-1 s.
     """
 
-    def __init__(self, likelihood: Likelihood, fit: Fit, candidates: Sequence[effects.Candidate]) -> None:
+    def __init__(
+        self, likelihood: Likelihood, fit: LikelihoodFit, candidates: Sequence[effects.Candidate]
+    ) -> None:
         extended = fit.model
         for candidate in candidates:
             extended = candidate.neutral(extended)
         tested = [p for c in candidates for p in effects.seen_alone(extended, c.name)]
-        self.names = [p["name"] for p in tested]
+        self.names = [p.name for p in tested]
         own = [name.split(".")[0] for name in self.names]
         self.columns = {c.name: [i for i, name in enumerate(own) if name == c.name] for c in candidates}
         # Sign that a coordinate's step must have where the neutral value is a bound.
@@ -65,14 +68,14 @@ class ScoreTests:
         found: List[Document] = []
         known = {self.names[i]: i for i in self.columns[name] if self.information[i, i] > 0}
         for p in effects.parameters_of(model, name):
-            value = moved(p, p["neutral"], step.get(p["name"], 0.0))
-            deviation, ci95 = np.inf, (p["lower"], p["upper"])
-            if p["name"] in known and self.seen(name) > UNSEEN:
-                i = known[p["name"]]
+            value = moved(p, p.neutral, step.get(p.name, 0.0))
+            deviation, ci95 = np.inf, (p.lower, p.upper)
+            if p.name in known and self.seen(name) > UNSEEN:
+                i = known[p.name]
                 deviation = float(self.scale[i] / np.sqrt(self.information[i, i]))
                 low, high = (moved(p, value, side * 1.96 * deviation) for side in (-1, 1))
                 ci95 = min(low, high), max(low, high)
-            told = {"name": p["name"], "unit": p["unit"], "value": value, "ci95": ci95}
+            told = {"name": p.name, "unit": p.unit, "value": value, "ci95": ci95}
             found.append({**told, "deviation": deviation, "identified": bool(np.isfinite(deviation))})
         return found
 
@@ -90,32 +93,31 @@ class ScoreTests:
         return 0.0, {}
 
 
-def moved(parameter: Document, value: float, by: float) -> float:
+def moved(parameter: ParameterInfo, value: float, by: float) -> float:
     """A value after a step of its coordinate, kept inside its range."""
     if is_reciprocal(parameter):
         rate = (0 if np.isinf(value) else 1 / value) + by
         if rate <= 0:
-            return float(parameter["neutral"]) if np.isinf(parameter["neutral"]) else value
-        return float(np.clip(1 / rate, parameter["lower"], parameter["upper"]))
-    return float(np.clip(value + by, parameter["lower"], parameter["upper"]))
+            return float(parameter.neutral) if np.isinf(parameter.neutral) else value
+        return float(np.clip(1 / rate, parameter.lower, parameter.upper))
+    return float(np.clip(value + by, parameter.lower, parameter.upper))
 
 
 def stepped(model: _core.Model, steps: Mapping[str, float], part: float = 1.0) -> _core.Model:
     """A model after `part` of the steps of coordinates, by parameter name."""
-    described = {p["name"]: p for p in model.parameters()}
-    changed = model.copy()
+    known, changed = described(model), model.copy()
     for name, by in steps.items():
-        changed.set_value(name, moved(described[name], model.value(name), part * by))
+        changed.set_value(name, moved(known[name], model.value(name), part * by))
     return changed
 
 
-def _side(parameter: Document) -> int:
+def _side(parameter: ParameterInfo) -> int:
     """1 or -1 where a coordinate can only grow or fall from its neutral value, else 0."""
-    if parameter["neutral"] == parameter["lower"]:
+    if parameter.neutral == parameter.lower:
         return 1
-    if parameter["neutral"] == parameter["upper"]:
+    if parameter.neutral == parameter.upper:
         # the coordinate of an infinite time constant is its reciprocal
-        return 1 if np.isinf(parameter["neutral"]) else -1
+        return 1 if np.isinf(parameter.neutral) else -1
     return 0
 
 

@@ -13,7 +13,7 @@ from typing import Dict, List, NamedTuple, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import channels, dictionary, samples, scalars
+from ground.analysis import channels, dictionary, samples, scalars, windows
 from ground.analysis.channels import Channel
 from ground.analysis.dictionary import Feature
 from ground.analysis.distributions import chi_squared_above
@@ -21,7 +21,7 @@ from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import LEVEL, Regression
 from ground.analysis.samples import Samples, Scales, evaluated
 from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
-from ground.recordings import scatter, windows
+from ground.poses import scatter
 from ground.support.annotations import Array, Indices
 
 BIN = 1 / 30  # samples that are taken together [windows]
@@ -35,7 +35,7 @@ LONGEST = 0.5  # move in one iteration, over its reach
 CONSTANT = 3.0  # number of independent features for each that is tested, by a constant that is moved
 
 
-class Search(NamedTuple):
+class ProductScreening(NamedTuple):
     """Products of wide scalars and narrow ones, of which the first is ONE, on channels."""
 
     acting: Sequence[Channel]
@@ -61,9 +61,9 @@ class Screen:
         few = scalars.few(model, scales)
         self.thirds = [ONE, *map(_renamed, few[1:])]
         self.searches = [
-            Search(self.acting, [*motion, *scalars.of_place(scales, x, y)], few),
-            Search(self.acting, scalars.waves(scales, x, y), [ONE, *scalars.turns()]),
-            Search(channels.pulls(scales, x, y), motion, few),
+            ProductScreening(self.acting, [*motion, *scalars.of_place(scales, x, y)], few),
+            ProductScreening(self.acting, scalars.waves(scales, x, y), [ONE, *scalars.turns()]),
+            ProductScreening(channels.pulls(scales, x, y), motion, few),
         ]
 
     def screened(self, regression: Regression) -> Regression:
@@ -77,11 +77,11 @@ class Screen:
         if begun:
             longer = [_product(*feature.factors) for feature, _, _ in begun]
             tried = max(tried for _, _, tried in begun) // len(longer)
-            found += self._best(model, draws, Search(self.acting, longer, self.thirds, tried))
+            found += self._best(model, draws, ProductScreening(self.acting, longer, self.thirds, tried))
         features, _, tried_of = zip(*_sorted(found)[:KEPT])
         return regression.extended(features, tried_of)
 
-    def _best(self, model: _core.Model, draws: Array, search: Search) -> List[Product]:
+    def _best(self, model: _core.Model, draws: Array, search: ProductScreening) -> List[Product]:
         """The KEPT_OF_ONE best products on each channel. draws: scores of innovations."""
         acting, wide, narrow, of = search
         units = [Feature(channel) for channel in acting]

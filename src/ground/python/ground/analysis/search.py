@@ -13,13 +13,13 @@ from typing import Callable, Dict, FrozenSet, List, Mapping, Optional, Sequence,
 import numpy as np
 
 from ground import _core
-from ground.analysis.candidates import Candidate, parameters_of, turned
 from ground.analysis.distributions import chi_squared_limit
-from ground.analysis.likelihood import COARSE, LEAST_GAIN, Fit, Likelihood
+from ground.analysis.likelihood import COARSE, LEAST_GAIN, Likelihood, LikelihoodFit
 from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.window_error import FEW_WINDOWS, WindowFitter, free_parameters
+from ground.effect_library.candidates import Candidate, parameters_of, turned
 from ground.support.annotations import Each
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 from ground.support.progress import Work
 
 LEVEL = 0.01  # probability of a false finding
@@ -40,7 +40,7 @@ class LookAlike:
     """An effect that on the runs does only what other parameters can do."""
 
     name: str  # the effect's
-    fit: Fit  # the grown model with the effect at some size, all else refitted
+    fit: LikelihoodFit  # the grown model with the effect at some size, all else refitted
     moved: Tuple[str, ...]  # free parameters that changed to make room for the effect, most first
 
 
@@ -65,12 +65,12 @@ class Search:
         self._swapped: Set[str] = set()  # effects that were tried to be swapped already
         # sets refuted by held-out data, by the smaller set
         self._refused: Dict[FrozenSet[str], List[FrozenSet[str]]] = {}
-        self.fits: Dict[FrozenSet[str], Fit] = {}  # by set of effects
-        self.tests: Dict[Fit, ScoreTests] = {}
+        self.fits: Dict[FrozenSet[str], LikelihoodFit] = {}  # by set of effects
+        self.tests: Dict[LikelihoodFit, ScoreTests] = {}
 
-    def nominal(self, near: Optional[Fit] = None) -> Fit:
-        """The Fit of the model as it is. near: one by another likelihood, from which it starts: with the
-        levels of one and the values of another the filter may diverge."""
+    def nominal(self, near: Optional[LikelihoodFit] = None) -> LikelihoodFit:
+        """The LikelihoodFit of the model as it is. near: one by another likelihood, from which it starts:
+        with the levels of one and the values of another the filter may diverge."""
         if frozenset() not in self.fits:
             found = [] if near is None else self._from_start(near.model, near)
             if not found:
@@ -78,9 +78,9 @@ class Search:
             self.fits[frozenset()] = found[0]
         return self.fits[frozenset()]
 
-    def run(self, near: Optional[Fit] = None) -> FrozenSet[str]:
-        """The likeliest set of significant effects. near: a Fit with whose effects the search begins; an
-        earlier search has tried to swap them already."""
+    def run(self, near: Optional[LikelihoodFit] = None) -> FrozenSet[str]:
+        """The likeliest set of significant effects. near: a LikelihoodFit with whose effects the search
+        begins; an earlier search has tried to swap them already."""
         self.nominal()
         current: FrozenSet[str] = frozenset()
         if near is not None:
@@ -194,7 +194,7 @@ class Search:
     def _refine(self, sets: Sequence[FrozenSet[str]]) -> None:
         """Continues fits of sets, which end early while others are compared with them."""
 
-        def refined(names: FrozenSet[str]) -> Fit:
+        def refined(names: FrozenSet[str]) -> LikelihoodFit:
             fit = self.fits[names]
             return max([fit, *self._from_start(fit.model, fit)], key=lambda one: one.log_posterior)
 
@@ -209,8 +209,8 @@ class Search:
                 return current
             current = best
 
-    def may_go(self, fit: Fit, name: str) -> bool:
-        """Whether a Fit may do without an effect, by its Wald ratio; a refit then decides."""
+    def may_go(self, fit: LikelihoodFit, name: str) -> bool:
+        """Whether a LikelihoodFit may do without an effect, by its Wald ratio; a refit then decides."""
         return fit.ratio_without(name) < WALD_MARGIN * self.threshold(name)
 
     def _swap(self, current: FrozenSet[str]) -> Optional[FrozenSet[str]]:
@@ -254,7 +254,7 @@ class Search:
         for part in (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1):
             try:
                 found = self.likelihood.fit(stepped(neutral, steps, part), fit.free, fit, levels=False)
-            except GroundError:
+            except Diverged:
                 continue
             if found.log_posterior > fit.log_posterior - MAX_LOSS:
                 values = np.array([[model.value(n) for n in fit.free] for model in (fit.model, found.model)])
@@ -265,13 +265,15 @@ class Search:
 
     # Single fits
 
-    def _extended(self, base: Fit, tests: ScoreTests, added: Sequence[str]) -> Optional[Fit]:
+    def _extended(
+        self, base: LikelihoodFit, tests: ScoreTests, added: Sequence[str]
+    ) -> Optional[LikelihoodFit]:
         """The likeliest fit of a fitted set with added effects, from the steps of the score tests beside it
         and the effects' own starts. None where no motion is finite."""
         model = base.model
         for name in added:
             model = self.candidates[name].neutral(model)
-        found: List[Fit] = []
+        found: List[LikelihoodFit] = []
         _, step = tests.test(added)
         # where the test sees no more than what the fitted parameters do as well, all parts are the same
         is_seen = step and not any(tests.hidden(name) for name in added)
@@ -286,7 +288,7 @@ class Search:
                 found += self._from_start(self._far_start(name, base, added), None, COARSE)
         return max(found, key=lambda fit: fit.log_posterior) if found else None
 
-    def _reduced(self, base: Fit, name: str) -> Fit:
+    def _reduced(self, base: LikelihoodFit, name: str) -> LikelihoodFit:
         """The fit of a fitted set without one of its effects."""
         model = base.model.copy()
         model.remove_effect(name)
@@ -299,24 +301,24 @@ class Search:
         return self.likelihood.fit(neutral, free_parameters(neutral), self.nominal())
 
     def _from_start(
-        self, start: _core.Model, near: Optional[Fit], least_gain: float = LEAST_GAIN
-    ) -> List[Fit]:
+        self, start: _core.Model, near: Optional[LikelihoodFit], least_gain: float = LEAST_GAIN
+    ) -> List[LikelihoodFit]:
         """The fit from a start, as a list; an empty one where it cannot be simulated."""
         try:
             return [self.likelihood.fit(start, free_parameters(start), near, least_gain=least_gain)]
-        except GroundError:
+        except Diverged:
             return []
 
-    def _has_far_starts(self, name: str, base: Fit) -> bool:
+    def _has_far_starts(self, name: str, base: LikelihoodFit) -> bool:
         """Whether an effect has minima far from its neutral parameters, and a fit leaves more to the
         disturbance than fits start with."""
         start = self.likelihood.box.start(self.likelihood.craft).levels
         is_far = any(base.levels[level] > start[level] for level in ("sigma_X", "sigma_Y"))
         first, *also = self.candidates[name].starts(self.given)
-        own = [p["name"] for p in parameters_of(first, name)]
+        own = [p.name for p in parameters_of(first, name)]
         return is_far and len([*turned(first, own), *also]) > 1
 
-    def _far_start(self, name: str, base: Fit, added: Sequence[str]) -> _core.Model:
+    def _far_start(self, name: str, base: LikelihoodFit, added: Sequence[str]) -> _core.Model:
         """The model with an effect far from neutral from which a fit should start. The other parameters
         may be far from the right ones, too; a quick fit by simulation error finds them."""
         begun = base.model if set(base.model.effects) & set(self.candidates) else self.given
@@ -327,5 +329,5 @@ class Search:
         try:
             model: _core.Model = fitter.whole(first, free_parameters(first), also)["model"]
             return model
-        except GroundError:  # it cannot be simulated from any start
+        except Diverged:  # it cannot be simulated from any start
             return first

@@ -13,13 +13,13 @@ from typing import Callable, Dict, FrozenSet, List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis.candidates import Candidate
 from ground.analysis.distributions import mean_not_above_zero
-from ground.analysis.judge import Comparison
+from ground.analysis.judge import PairedComparison
 from ground.analysis.search import LEVEL, REFITTED
 from ground.analysis.window_error import WindowFit, WindowFitter, channel_errors, free_parameters
+from ground.effect_library.candidates import Candidate
 from ground.support.annotations import Each
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 from ground.support.progress import Work
 
 
@@ -33,7 +33,7 @@ class SimulationSearch:
         fitter: WindowFitter,
         given: _core.Model,
         tried: Sequence[Candidate],
-        compared: Callable[[WindowFit, WindowFit], Comparison],
+        compared: Callable[[WindowFit, WindowFit], PairedComparison],
         matters: Callable[[_core.Model, _core.Model], bool],
         each: Each = map,
         work: Optional[Work] = None,
@@ -81,14 +81,14 @@ class SimulationSearch:
         try:
             fitted = self.fitter.whole(first, free_parameters(first), also)["model"]
             return float(channel_errors(self.fitter.runs, self.fitter.windows, fitted).sum())
-        except GroundError:
+        except Diverged:
             return np.inf
 
     def _finite(self, names: FrozenSet[str]) -> bool:
         """Whether a set of effects can be cross-validated."""
         try:
             return bool(np.isfinite(self.fit(names).heldout).all())
-        except GroundError:
+        except Diverged:
             return False
 
     def fit(self, names: FrozenSet[str]) -> WindowFit:

@@ -12,7 +12,8 @@ from typing import Union
 import numpy as np
 
 from ground import _core
-from ground.recordings import scatter, windows
+from ground.analysis import windows
+from ground.poses import scatter
 from ground.support.annotations import Array, Flags, Indices
 
 RATE = 50.0  # least rate after thinning [Hz], and per time scale of a slower craft ...

@@ -8,16 +8,15 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import bands, between_runs, ceiling, folds, horizon, judge, naming, window_error
+from ground.analysis import bands, between_runs, ceiling, folds, horizon, judge, naming, window_error, windows
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
-from ground.analysis.diagnosis import EXPLAINED, Diagnosis
+from ground.analysis.diagnosis import EXPLAINED, StepwiseDiagnosis
 from ground.analysis.folds import Judged
 from ground.analysis.horizon import PoseError, PredictionError
-from ground.analysis.likelihood import KINDS, Fit, Likelihood
-from ground.recordings import windows
+from ground.analysis.likelihood import KINDS, Likelihood, LikelihoodFit
 from ground.support.annotations import Array, Document
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 # Largest share of the error that a smooth function of one kind may have beside `complete`
@@ -37,7 +36,7 @@ class Conclusion:
     cross_validated: float  # error of the improved model on parts of the runs fitted to
     # by effect: the model with it compared with the model without it on runs that the user held out; None
     # without any
-    holdout: Mapping[str, Optional[judge.Comparison]]
+    holdout: Mapping[str, Optional[judge.PairedComparison]]
     heldout_floor: float  # noise floor of the runs on which steps are measured
     varies: List[Document]  # what differs between runs
     ceiling: Ceiling
@@ -47,7 +46,7 @@ class Conclusion:
     # how far predicted poses are off on held-out data, of the models given, refitted, improved and formula;
     # None where runs are too short
     prediction: Optional[PredictionError]
-    diagnosis: Diagnosis  # its basis; where it is by simulation error, its effects and parameters are
+    diagnosis: StepwiseDiagnosis  # its basis; where it is by simulation error, its effects and parameters are
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
     @property
@@ -71,15 +70,15 @@ class Conclusion:
         return bands.of_folds(found.folds, found.fit, found.best.others)
 
 
-class HeldOut:
-    """Runs (_core.RunData) that the user held out of a Diagnosis."""
+class HeldOutRuns:
+    """Runs (_core.RunData) that the user held out of a StepwiseDiagnosis."""
 
-    def __init__(self, found: Diagnosis, runs: Sequence[_core.RunData]) -> None:
+    def __init__(self, found: StepwiseDiagnosis, runs: Sequence[_core.RunData]) -> None:
         self.runs, self.cut = runs, windows.cut(runs)
         self.starts = horizon.Starts.of(runs, found.prediction_time)
         self.likelihood = Likelihood(runs, found.given, found.likelihood.varying)
 
-    def error(self, model: _core.Model, fit: Optional[Fit] = None) -> Array:
+    def error(self, model: _core.Model, fit: Optional[LikelihoodFit] = None) -> Array:
         """Error (3,) of a model. fit: by likelihood, whose differences between runs are then estimated from
         the poses before each window."""
         if fit:
@@ -87,10 +86,10 @@ class HeldOut:
             return window_error.mean(self.cut, each)
         try:
             return window_error.channel_errors(self.runs, self.cut, model)
-        except GroundError:  # the motion is not finite
+        except Diverged:  # the motion is not finite
             return np.full(3, np.inf)
 
-    def tested(self, model: _core.Model, fit: Optional[Fit] = None) -> judge.Tested:
+    def tested(self, model: _core.Model, fit: Optional[LikelihoodFit] = None) -> judge.Tested:
         """What a model predicts; fit: see error."""
         if fit:
             return folds.tested(self.runs, self.starts, self.likelihood, fit)
@@ -98,7 +97,9 @@ class HeldOut:
         return judge.Tested(errors, self.starts.of_run)
 
 
-def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: bool = False) -> Conclusion:
+def conclude(
+    found: StepwiseDiagnosis, heldout: Sequence[_core.RunData] = (), misread: bool = False
+) -> Conclusion:
     """Draws the Conclusion of a Diagnosis. misread: no effect was looked for, because the recordings
     look misread.
 
@@ -113,7 +114,7 @@ def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: b
 
 
 def _conclude(
-    found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool, refits: Sequence[Judged]
+    found: StepwiseDiagnosis, heldout: Sequence[_core.RunData], misread: bool, refits: Sequence[Judged]
 ) -> Conclusion:
     left = found.ceiling_of()
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.prediction_time, found.each)
@@ -153,7 +154,7 @@ def _conclude(
         model, parameters = _on_all(found)
         after = replace(after, model=model, parameters=parameters)
     crossed = float(after.heldout.sum())
-    by_user = HeldOut(found, heldout) if heldout else None
+    by_user = HeldOutRuns(found, heldout) if heldout else None
     if by_user:
         before = replace(before, heldout=by_user.error(before.model, before.fit))
         after = replace(after, heldout=by_user.error(after.model, after.fit))
@@ -177,7 +178,7 @@ def _conclude(
     )
 
 
-def _grown(found: Diagnosis) -> Judged:
+def _grown(found: StepwiseDiagnosis) -> Judged:
     """The grown model, as it was found; with effects, by simulation error where that matters and the judge
     proves that it predicts better."""
     best = found.best
@@ -189,29 +190,29 @@ def _grown(found: Diagnosis) -> Judged:
     return best
 
 
-def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
+def _on_all(found: StepwiseDiagnosis) -> Tuple[_core.Model, List[Document]]:
     """The grown model and its parameters, fitted to all of the runs by likelihood. Of long runs, levels are
     those of the parts that the search used: their uncertainty hardly widens intervals then."""
     if found.is_excerpt:
         whole = Likelihood(found.all_runs, found.given, found.likelihood.varying, found.threads)
-        with contextlib.suppress(GroundError):  # the motion in another part is not finite
+        with contextlib.suppress(Diverged):  # the motion in another part is not finite
             fit = whole.fit(found.model, found.fit.free, near=found.fit, levels=False)
             return fit.model, between_runs.widened(whole, fit, fit.parameters)
     parameters = found.fit.parameters
-    with contextlib.suppress(GroundError):  # levels cannot be moved without a motion that is not finite
+    with contextlib.suppress(Diverged):  # levels cannot be moved without a motion that is not finite
         parameters = found.likelihood.intervals(found.fit)
     return found.model, between_runs.widened(found.likelihood, found.fit, parameters)
 
 
 def _by_simulation(
-    found: Diagnosis, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()
+    found: StepwiseDiagnosis, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()
 ) -> List[Judged]:
     """A model refitted by simulation error over long and over short windows, on which a disturbance adds up
     to less, from its values and those of others, where it can be simulated. Errors are over the windows and
     folds of a Diagnosis."""
     refits = []
     for part in (1.0, 1 / 3):
-        with contextlib.suppress(GroundError):  # the simulation diverges
+        with contextlib.suppress(Diverged):  # the simulation diverges
             length = part * windows.length(found.runs)
             fitter = window_error.WindowFitter(found.runs, found.threads, length=length)
             fitted = fitter.fit(model, free, also)
@@ -220,7 +221,11 @@ def _by_simulation(
 
 
 def _prediction(
-    found: Diagnosis, by_user: Optional[HeldOut], before: Judged, after: Judged, named: Optional[Judged]
+    found: StepwiseDiagnosis,
+    by_user: Optional[HeldOutRuns],
+    before: Judged,
+    after: Judged,
+    named: Optional[Judged],
 ) -> Optional[PredictionError]:
     """How far predicted poses are off, on the runs that the user held out or on the folds."""
     starts, runs = (by_user.starts, by_user.runs) if by_user else (found.starts, found.runs)
@@ -233,7 +238,7 @@ def _prediction(
     return horizon.with_floors(runs, starts, errors, found.model, found.fit.levels)
 
 
-def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
+def _steps(found: StepwiseDiagnosis, others: Optional[HeldOutRuns]) -> List[float]:
     """Error on runs held out of the model as it is by likelihood, and after each step."""
     if others is None:
         return [float(judged.heldout.sum()) for judged in (found.nominal, *(s.fit for s in found.steps))]
@@ -243,8 +248,8 @@ def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
 
 
 def _holdout(
-    found: Diagnosis, others: Optional[HeldOut], before: Judged, after: Judged
-) -> Dict[str, Optional[judge.Comparison]]:
+    found: StepwiseDiagnosis, others: Optional[HeldOutRuns], before: Judged, after: Judged
+) -> Dict[str, Optional[judge.PairedComparison]]:
     """How sure each effect of the grown model is by runs that the user held out, by name. They contradict all
     effects where the best refit without any predicts them better."""
     if not others or not found.steps:
@@ -258,7 +263,7 @@ def _holdout(
     return {name: found.compared(grown, rest) for name, rest in rests.items()}
 
 
-def _varies(found: Diagnosis) -> List[Document]:
+def _varies(found: StepwiseDiagnosis) -> List[Document]:
     """Differences between runs, as fitted with the grown model."""
     return [
         {
@@ -274,13 +279,13 @@ def _varies(found: Diagnosis) -> List[Document]:
     ]
 
 
-def _is_confirmed(found: Diagnosis, named: Judged) -> bool:
+def _is_confirmed(found: StepwiseDiagnosis, named: Judged) -> bool:
     """Whether parts of the runs that a model with a formula was not fitted to prove it."""
     return found.compared(named.tested, found.best.tested).is_better
 
 
 def _name(
-    found: Diagnosis, before: Judged, doubted: Optional[Ceiling] = None
+    found: StepwiseDiagnosis, before: Judged, doubted: Optional[Ceiling] = None
 ) -> Tuple[Optional[naming.Formula], Optional[Judged]]:
     """A formula for what is learnable, and the model with it; None unless it is proved. It is made longer,
     twice at most, while the judge proves it and the noise leaves less. before: the best refit without
@@ -299,7 +304,7 @@ def _name(
             break
         try:
             named = found.folds.judge(made.fit)
-        except GroundError:  # its motion is not finite
+        except Diverged:  # its motion is not finite
             break
         if best and not found.compared(named.tested, best.tested).is_better:
             break
@@ -316,7 +321,7 @@ def _name(
 
 
 def _verdict(
-    found: Diagnosis,
+    found: StepwiseDiagnosis,
     explained: bool,
     varies: Sequence[Document],
     left: Ceiling,

@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates
-from ground.recordings import repair, windows
+from ground.analysis import windows
+from ground.effect_library import candidates
+from ground.effect_library.parameters import described
+from ground.poses import repair
 from ground.support.annotations import Array, Document, Indices, Random
-from ground.support.errors import GroundError, core_errors, warn
+from ground.support.errors import Diverged, GroundError, core_errors, warn
 from ground.support.progress import Work
 
 if TYPE_CHECKING:
-    from ground.analysis.likelihood import Fit, Likelihood
+    from ground.analysis.likelihood import Likelihood, LikelihoodFit
 
 PARTS = 4  # most parts of runs that are held out one after the other; quarters of a single run
 MAX_WINDOWS = 160  # four minutes, far more than it takes to distinguish the effects that matter
@@ -40,7 +42,7 @@ class WindowFit:
 
     @property
     def parameters(self) -> List[Document]:
-        """The fitted parameters: dictionaries as a likelihood's Fit has them."""
+        """The fitted parameters: dictionaries as a LikelihoodFit has them."""
         parameters: List[Document] = self.result["parameters"]
         return parameters
 
@@ -123,11 +125,11 @@ class WindowFitter:
 
     def whole(self, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()) -> Document:
         """The core's result of the best fit to all windows. See fit."""
-        found, failure = [], GroundError("there is no model to start from")
+        found, failure = [], Diverged("there is no model to start from")
         for start in [s for given in (model, *also) for s in candidates.turned(given, free)]:
             try:
                 found.append(self._fit(self.fitted, start, free, **self.options))
-            except GroundError as error:
+            except Diverged as error:
                 failure = error
         if not found:
             raise failure
@@ -159,7 +161,7 @@ def parts_of(runs: Sequence[_core.RunData], cut: Sequence[_core.Window], most: i
 
 def free_parameters(model: _core.Model) -> List[str]:
     """The five nominal parameters and all those of a model's effects."""
-    return list(NOMINAL) + [p["name"] for p in model.parameters() if p["name"].split(".")[0] in model.effects]
+    return list(NOMINAL) + [name for name in described(model) if name.split(".")[0] in model.effects]
 
 
 def channel_errors(
@@ -202,15 +204,16 @@ def calibrated_errors(
     runs: Sequence[_core.RunData],
     chosen: Sequence[_core.Window],
     likelihood: "Likelihood",
-    fit: "Fit",
+    fit: "LikelihoodFit",
 ) -> Array:
-    """window_errors of a Fit, as in use: see calibrated_models. Infinite where a motion is not finite."""
+    """window_errors of a LikelihoodFit, as in use: see calibrated_models. Infinite where a motion is not
+    finite."""
     try:
         if not likelihood.varying:
             return window_errors(runs, chosen, fit.model)
         models = calibrated_models(runs, chosen, likelihood, fit)
         return np.array([window_errors(runs, [window], m)[0] for window, m in zip(chosen, models)])
-    except GroundError:
+    except Diverged:
         return np.full((len(chosen), 3), np.inf)
 
 
@@ -218,10 +221,10 @@ def calibrated_models(
     runs: Sequence[_core.RunData],
     chosen: Sequence[_core.Window],
     likelihood: "Likelihood",
-    fit: "Fit",
+    fit: "LikelihoodFit",
 ) -> List[_core.Model]:
-    """The model of a Fit for each window, with the differences between runs (wrench and thrust) that are
-    estimated from the run's poses before it. likelihood: a Likelihood of the runs."""
+    """The model of a LikelihoodFit for each window, with the differences between runs (wrench and thrust)
+    that are estimated from the run's poses before it. likelihood: a Likelihood of the runs."""
     if not likelihood.varying:
         return [fit.model] * len(chosen)
     models, known = [], {}
@@ -307,7 +310,7 @@ def noise_floor(runs: Sequence[_core.RunData], model: _core.Model, seed: int = 1
     try:
         artificial = [recorded(run, model, random) for run in runs]
         return channel_errors(artificial, windows.cut(runs), model, truth=runs)
-    except GroundError as error:
+    except Diverged as error:
         warn("what the noise of the poses alone would leave is not known: %s" % error)
         return np.full(3, np.nan)
 
@@ -337,7 +340,7 @@ def recorded(
                 run.battery,
             )  # fmt: skip
         except RuntimeError:
-            raise GroundError("the model's motion along %s is not finite" % run.name)
+            raise Diverged("the model's motion along %s is not finite" % run.name)
         poses[at] = found["eta"] + np.array(run.noise) * random.normal(size=(len(at), 3))
     smoothed = repair.again(run, poses)
     alone = run.replaced(wrench=np.empty((0, 3)), inertial=_core.InertialData())

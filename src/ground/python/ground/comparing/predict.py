@@ -7,12 +7,14 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import horizon as horizons
-from ground.analysis.predicted_band import Course, HeldOut, beyond, half_width
+from ground.analysis.predicted_band import Course, FitWithout, beyond, half_width
 from ground.analysis.window_error import FEW_WINDOWS
-from ground.data.measured import Part, Recordings, taken
+from ground.checks import quality
+from ground.data.measured import Part
+from ground.data.read import Recordings, taken
 from ground.models import Model, ModelLike
-from ground.recordings import headings, quality
-from ground.recordings.recording import (
+from ground.poses import headings
+from ground.reading.recording import (
     HIGH,
     LOW,
     POSE,
@@ -141,7 +143,7 @@ def predict(
     recording: Recordings,
     horizon: float = 1.5,
     band: Optional[float] = None,
-    parts: Sequence[HeldOut] = (),
+    parts: Sequence[FitWithout] = (),
     *,
     options: Part,
 ) -> Prediction:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 import numpy as np
 
 from ground.analysis.horizon import PoseError, PredictionError, as_document
+from ground.checks import findings
+from ground.checks.quality import repaired
 from ground.comparing import words
 from ground.models import Model
-from ground.recordings import findings
-from ground.recordings.quality import repaired
-from ground.recordings.recording import VELOCITY, Recording
+from ground.reading.recording import VELOCITY, Recording
 from ground.reports import appearance, matlab, result_folder
 from ground.reports.words import number
 from ground.support import files

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 
 import numpy as np
 
+from ground.analysis.tracks import Track
 from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
 from ground.models import Model, ModelLike
-from ground.recordings.tracks import Track
 from ground.reports import result_folder
 from ground.simulation import gains as gain_files
 from ground.simulation import laws, listing, tracking
@@ -205,7 +205,7 @@ def _factor(text: str) -> Tuple[str, float]:
 
 
 @dataclass(frozen=True)
-class _Options:
+class _TrackOptions:
     """A controller, a craft, and the conditions of the loop."""
 
     controller: Union[str, laws.Law] = option(
@@ -240,11 +240,11 @@ class _Options:
     starts: int = option(1, "number of starts near the origin (%(default)s)", type=count, metavar="N")
 
 
-#: What is tracked: _Options, and parameters of references.
+#: What is tracked: _TrackOptions, and parameters of references.
 TrackOptions = make_dataclass(
     "TrackOptions",
     list(listing.reference_fields()),
-    bases=(_Options,),
+    bases=(_TrackOptions,),
     namespace={"__module__": __name__},
     frozen=True,
 )
@@ -256,7 +256,7 @@ def track(
     reference: str = "circle",
     *,
     progress: Progress = None,
-    options: _Options,
+    options: _TrackOptions,
     **settings: Any,
 ) -> Tracking:
     """A controller that follows a reference in closed loop with a simulated craft, without ROS.
@@ -330,7 +330,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Document:
     """Runs track; returns what --json prints. GroundError when the controller stopped."""
     refuse_picture(arguments)
-    options: _Options = command_line.options(arguments, TrackOptions)
+    options: _TrackOptions = command_line.options(arguments, TrackOptions)
     found = track(arguments.model, arguments.reference, options=options, progress=arguments.work)
     result = {
         "controller": arguments.controller,

@@ -3,11 +3,11 @@
 import argparse
 from typing import Iterator, List, Sequence, Tuple
 
+from ground.analysis import tracks
 from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
 from ground.data import bag_arguments
 from ground.models import Room
-from ground.recordings import tracks
-from ground.recordings.recording import Recording
+from ground.reading.recording import Recording
 from ground.support import command_line
 from ground.support.annotations import Document
 from ground.support.headline import formatted

@@ -132,14 +132,14 @@ def run(arguments: argparse.Namespace) -> Document:
 
 def _search(
     options: TuneOptions, work: Work, model: _core.Model, seen: List[tuning.Cell], unseen: List[tuning.Cell]
-) -> Tuple[List[tuning.Candidate], Dict[str, tuning.Candidate]]:
+) -> Tuple[List[tuning.GainTrial], Dict[str, tuning.GainTrial]]:
     """The Candidates tried, and the Candidates to compare, by name."""
     before = _starting(options)
     first, kind = list(before.values()), options.controller
     seeds = [1000 * options.seed + offset for offset in (0, 300, 600)]
     counts = (options.starts, 5 * options.starts, options.test_starts)
     places = [tracking.starts(count, seed) for count, seed in zip(counts, seeds)]
-    loops = tuning.Search(Workers(), model, work)
+    loops = tuning.GainSearch(Workers(), model, work)
     with work.stage("drives of the search"):
         tried = loops.search(first, seen, places[0], options.evaluations, seeds[0])
     with work.stage("drives of the finalists", len(seen) * counts[1] * tuning.FINALISTS):
@@ -150,8 +150,8 @@ def _search(
     return tried, dict(zip([*before, "tuned"], compared))
 
 
-def _task(text: str) -> tracking.Task:
-    """The tracking.Task of KIND:NAME=NUMBER,NAME=NUMBER."""
+def _task(text: str) -> tracking.TrackingTask:
+    """The tracking.TrackingTask of KIND:NAME=NUMBER,NAME=NUMBER."""
     kind, _, rest = text.partition(":")
     settings = {}
     for item in filter(None, rest.split(",")):
@@ -176,9 +176,9 @@ def _starting(options: TuneOptions) -> Dict[str, _core.ControllerChoice]:
 
 def _result(
     options: TuneOptions,
-    compared: Mapping[str, tuning.Candidate],
+    compared: Mapping[str, tuning.GainTrial],
     cells: Sequence[tuning.Cell],
-    tried: Sequence[tuning.Candidate],
+    tried: Sequence[tuning.GainTrial],
 ) -> Document:
     table = [
         {

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Callable, Iterator, List, Sequence, Type
 
 from ground.data import measured as api
+from ground.data import read as reader
 from ground.data.measured import Part as Part
-from ground.recordings import mapping, run_settings
-from ground.recordings.recording import Recording
+from ground.reading import mapping, run_settings
+from ground.reading.recording import Recording
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.command_line import number, option, positive
@@ -97,7 +98,7 @@ def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
 def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:
     """The recordings in the bags, read when the first one is asked for."""
     given = mapping_of(arguments)
-    return api.reading(bags, given, arguments.work)
+    return reader.reading(bags, given, arguments.work)
 
 
 def read(arguments: argparse.Namespace) -> List[Recording]:

@@ -6,8 +6,8 @@ from typing import Dict, Optional, Tuple
 
 import numpy as np
 
-from ground.recordings import containers, messages
-from ground.recordings.recording import checked
+from ground.reading import containers, messages
+from ground.reading.recording import checked
 from ground.support import command_line, files
 from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import GroundError

@@ -5,11 +5,13 @@ import math
 import os
 from typing import Iterator, List, Sequence
 
+from ground.checks import findings, imitations, layouts, suspicions
 from ground.data import bag_arguments
 from ground.data import measured as api
+from ground.draft import drafts
 from ground.models import Model
-from ground.recordings import drafts, findings, imitations, layouts, mapping, readers, suspicions
-from ground.recordings.gathered import CAME_LATE
+from ground.reading import mapping, readers, recorded_files
+from ground.reading.gathered import CAME_LATE
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
@@ -104,7 +106,7 @@ def _write_mapping(arguments: argparse.Namespace) -> List[Document]:
     path, output = arguments.bags[0], arguments.output
     files.refuse_existing(output, arguments.force)
     with arguments.work.stage("drafting"):
-        path = readers.to_draft(readers.listed([path])[0])
+        path = recorded_files.to_draft(recorded_files.listed([path])[0])
         types = bag_arguments.mapping_of(arguments).types
         with readers.opened(path, types) as source:
             text = drafts.draft(source, os.path.isdir(path), [_from(output, one) for one in types])

@@ -1,145 +1,24 @@
 """Recordings: reading them, and choosing the part that models are compared with."""
 
 import functools
-import glob
-import os
-from dataclasses import dataclass, replace
-from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
+from dataclasses import dataclass
+from typing import Any, Dict, List, Optional, Sequence
 
 from ground import _core
+from ground.checks import findings, quality, suspicions
+from ground.checks.quality import RepairedRun
 from ground.data import voltage
+from ground.data.read import NO_RECORDING, Recordings, both, distinct, taken
 from ground.models import Model
-from ground.recordings import findings, quality, readers, smoothed, suspicions
-from ground.recordings.mapping import DEFAULT, FieldMapping, load
-from ground.recordings.quality import RepairedRun
-from ground.recordings.recording import Recording
-from ground.support.annotations import Path
+from ground.poses import smoothed
+from ground.reading.recording import Recording
 from ground.support.command_line import option, positive, seconds
-from ground.support.errors import GroundError, GroundNote, RecordingWarning, warn
-from ground.support.files import path_of
+from ground.support.errors import GroundError, GroundNote, warn
 from ground.support.progress import Work
-from ground.support.results import distinct_labels
 from ground.support.workers import Workers
 
-Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
-NO_RECORDING = "no recordings are given"
-
-
-def read(
-    bags: Union[Path, Iterable[Path]],
-    *,
-    axes: Optional[str] = None,
-    heading_offset: Optional[float] = None,
-    mapping: Union[Path, FieldMapping, None] = None,
-    pose_topic: Optional[str] = None,
-    command_topic: Optional[str] = None,
-    body: Optional[str] = None,
-    noise: Optional[Tuple[float, float]] = None,
-    frame_rate: Optional[float] = None,
-    stamps: Optional[str] = None,
-    types: Union[Path, Sequence[Path]] = (),
-    namespace: Optional[str] = None,
-) -> Tuple[Recording, ...]:
-    """The recordings in bags of ROS 1 and 2, MCAP files and tables.
-
-    bags: a path or several; a folder stands for the bags in it, and a pattern (``flights/*.bag``) for those
-    that match it. axes: world_ned x, y, z in the mocap's axes ("x, z, -y"); heading_offset: measured
-    minus true heading [rad]; both replace what was recorded with the run. mapping: a mapping file, or its
-    content; pose_topic, command_topic and body (child frame, or part of the topic's name) replace its
-    own. noise: of the positions [m] and headings [rad], in place of the scatter of the poses; frame_rate: of
-    the mocap's camera [Hz], in place of what late stamps say. stamps: "unpadded" where nanoseconds after the
-    point have no leading zeros. types: .msg files, or folders of them, for types that a bag does not define.
-    namespace: of the craft's topics, where a bag has several crafts.
-    Runs of the same name get the names of their folders in front. GroundError when a bag cannot be read or is
-    given twice, also as a copy; anything odd in a bag gives a GroundWarning.
-
-    >>> run, = ground.read(bag)
-    >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
-    ('run', 3, 3)
-    >>> list(run.to_frame().columns)
-    ['t', 'x', 'y', 'psi', 'u', 'v', 'r', 'left', 'right', 'lift']
-    """
-    given_paths = bags if isinstance(bags, Iterable) and not isinstance(bags, str) else [bags]
-    paths = [found for path in given_paths for found in _matching(path_of(path, "a recording"))]
-    if mapping is None:
-        mapping = FieldMapping()
-    elif not isinstance(mapping, FieldMapping):
-        mapping = load(os.fspath(mapping))
-    files = [types] if isinstance(types, (str, os.PathLike)) else types
-    own_types = [os.fspath(file) for file in files]
-    given = mapping.with_options(
-        pose_topic, command_topic, body, axes, heading_offset, noise, frame_rate, stamps, own_types, namespace
-    )
-    return tuple(reading(paths, given))
-
-
-def _matching(path: str) -> List[str]:
-    """The files that match a pattern, by name; the path itself if it is none. GroundError without any."""
-    if os.path.exists(path) or not glob.has_magic(path):
-        return [path]
-    found = sorted(glob.glob(path, recursive=True))
-    if not found:
-        raise GroundError("%s: no file matches this pattern" % path)
-    return found
-
-
-READING = "reading recordings (kB)"  # stage; unit: a kilobyte
 REPAIRING = "repairing recordings"  # stage
 WORTH_REPAIRING = 2e4  # poses from which several processes repair recordings sooner
-
-
-def reading(
-    paths: Sequence[str], mapping: FieldMapping = DEFAULT, work: Optional[Work] = None
-) -> Iterator[Recording]:
-    """The recordings in bags and folders, all read before the first one is returned; work: told of
-    each that is read."""
-    found, work = [], work or Work()
-    bags = readers.listed(paths, mapping)
-    sizes = [readers.size(path) // 1000 for path in bags]
-    with work.stage(READING, sum(sizes)):
-        for path, size in zip(bags, sizes):
-            found.append(readers.read(path, mapping))
-            work.step(size)
-            for warning in found[-1].warnings:
-                warn("%s: %s" % (path, warning), RecordingWarning)
-    yield from distinct(found)
-
-
-def distinct(found: Sequence[Recording], others: Sequence[Recording] = ()) -> List[Recording]:
-    """Recordings with names that differ from each other and from those of others. GroundError when two
-    are the same run, by their contents."""
-    first: Dict[str, Recording] = {}
-    for one in found:
-        if one.identity in first:
-            what = "bag" if one.path else "recording"
-            same = _both(first[one.identity], one)
-            raise GroundError("the same %s is given twice: %s" % (what, same))
-        first[one.identity] = one
-    names = distinct_labels(
-        [one.name for one in found], [one.path for one in found], [one.name for one in others], "_"
-    )
-    return [
-        one if one.name == name else replace(one, name=name, digest=one.identity)
-        for one, name in zip(found, names)
-    ]
-
-
-def _both(one: Recording, other: Recording) -> str:
-    """Two recordings of the same run."""
-    names = [recording.path or recording.name for recording in (one, other)]
-    return " and ".join(dict.fromkeys(names))
-
-
-def taken(given: Recordings) -> List[Recording]:
-    """The given recordings, and those in the given bags, with names of their own. GroundError when one is
-    given twice."""
-    if isinstance(given, Recording):
-        return [given]
-    if isinstance(given, (str, os.PathLike)):
-        return list(read(given))
-    if not isinstance(given, Iterable):
-        given = [given]
-    return distinct([r for one in given for r in ([one] if isinstance(one, Recording) else read(one))])
 
 
 def repaired(
@@ -274,6 +153,6 @@ def held_out(given: Recordings, model: Model, part: Part, work: Work, fitted: Me
     for one in found:
         if one.identity in known:
             raise GroundError(
-                "a run is given both to fit to and to hold out: %s" % _both(known[one.identity], one)
+                "a run is given both to fit to and to hold out: %s" % both(known[one.identity], one)
             )
     return measured(distinct(found, fitted.recordings), model, part, work, fitted.recordings)

@@ -5,9 +5,9 @@ from typing import List, Sequence
 
 import numpy as np
 
-from ground.analysis import candidates
+from ground.effect_library import candidates
 from ground.models import Model
-from ground.recordings.recording import Recording
+from ground.reading.recording import Recording
 from ground.support.errors import GroundError, GroundNote, warn
 
 EFFECT = "battery_voltage"  # name in the library of effects

@@ -6,10 +6,10 @@ import os
 import shlex
 from typing import Iterator, List
 
-from ground.analysis import candidates
 from ground.analysis.diagnosis import EXPLAINED
+from ground.checks import suspicions
 from ground.diagnosing import words
-from ground.recordings import suspicions
+from ground.effect_library import candidates
 from ground.reports.words import capital, direction, listed, number, off, prediction
 from ground.support.annotations import Document
 from ground.support.headline import Line

@@ -9,18 +9,20 @@ from typing import Callable, List, Optional, Sequence
 
 import numpy as np
 
-from ground.analysis import candidates, diagnosis
-from ground.analysis.effects import Effect, EffectLike
+from ground.analysis import diagnosis
 from ground.analysis.verdict import MISREAD, conclude
+from ground.checks import findings
 from ground.data import bag_arguments, voltage
-from ground.data.measured import Measured, Recordings, held_out, measured
+from ground.data.measured import Measured, held_out, measured
+from ground.data.read import Recordings
 from ground.diagnosing import answer, document
 from ground.diagnosing.drawn import REFITTED, Drawn
 from ground.diagnosing.next_experiment import IN_ROOM
 from ground.diagnosing.result import Diagnosis, prepare
+from ground.effect_library import candidates
+from ground.effect_library.effects import Effect, EffectLike
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
-from ground.recordings import findings
-from ground.recordings.recording import Recording
+from ground.reading.recording import Recording
 from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Array, Document
@@ -103,9 +105,9 @@ def diagnose(
     walls = room or (Room.of_recording(flown) if flown else None)
     noted = [one.describe() for one in seen.findings + held.findings]
 
-    def begun() -> diagnosis.Diagnosis:
+    def begun() -> diagnosis.StepwiseDiagnosis:
         """The model as it is, refitted."""
-        return diagnosis.Diagnosis(seen.data, given.core, tried, work=work, matters=matters)
+        return diagnosis.StepwiseDiagnosis(seen.data, given.core, tried, work=work, matters=matters)
 
     found = begun()
     misread = not options.as_recorded and any(one["misread"] for one in noted)

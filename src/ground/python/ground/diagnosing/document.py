@@ -4,13 +4,15 @@ import dataclasses
 from typing import Any, Iterable, List, Mapping, Optional, Sequence
 
 from ground import _core
-from ground.analysis import bands, candidates, excerpts, horizon
-from ground.analysis.diagnosis import Diagnosis
+from ground.analysis import bands, excerpts, horizon
+from ground.analysis.diagnosis import StepwiseDiagnosis
 from ground.analysis.evidence import Trial
-from ground.analysis.likelihood import Fit
+from ground.analysis.likelihood import LikelihoodFit
 from ground.analysis.search import LookAlike
 from ground.analysis.verdict import MISREAD, Conclusion
 from ground.diagnosing import next_experiment
+from ground.diagnosing.next_experiment import NextExperiment
+from ground.effect_library import candidates
 from ground.support.annotations import Document
 
 SCHEMA = "ground/diagnosis/1"
@@ -19,15 +21,15 @@ MAX_JUDGED = 3  # best effects whose errors are in the report, beside those foun
 
 
 def begun(
-    diagnosis: Diagnosis,
+    diagnosis: StepwiseDiagnosis,
     conclusion: Conclusion,
     model_name: str,
     heldout: Sequence[_core.RunData] = (),
     findings: Sequence[Document] = (),
     selection: str = "",
 ) -> Document:
-    """The part of the report that the verdict needs, of a Diagnosis and its Conclusion; heldout: the runs
-    that it was judged on; findings: mistakes that the recordings look like; selection: which effects
+    """The part of the report that the verdict needs, of a StepwiseDiagnosis and its Conclusion; heldout: the
+    runs that it was judged on; findings: mistakes that the recordings look like; selection: which effects
     of the library were tried, "only wind"; empty: all."""
     before, tried = conclusion.before, len(diagnosis.candidates)
     names = [run.name for run in diagnosis.runs]
@@ -96,7 +98,7 @@ def begun(
 
 def completed(
     report: Document,
-    diagnosis: Diagnosis,
+    diagnosis: StepwiseDiagnosis,
     conclusion: Conclusion,
     room: Optional[_core.RoomPlan] = None,
 ) -> Document:
@@ -108,11 +110,12 @@ def completed(
     with diagnosis.work.stage("errors of the best effects"):
         alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
         described, banded = _candidates(diagnosis, alike), bands.coverage(conclusion.bands)
+    proposed = _next_experiment(diagnosis, alike, room)
     return {
         **report,
         "candidates": described,
         "bands": banded,
-        "next_experiment": _next_experiment(diagnosis, alike, room),
+        "next_experiment": proposed and dataclasses.asdict(proposed),
         "unexplained": _unexplained(conclusion),
     }
 
@@ -184,7 +187,7 @@ def _tried(trial: Trial, count: int, **more: Any) -> Document:
     return {"effect": trial.name, "parameters": parameters, **more, **_chances(trial.p_value, count)}
 
 
-def _candidates(diagnosis: Diagnosis, alike: Sequence[LookAlike]) -> List[Document]:
+def _candidates(diagnosis: StepwiseDiagnosis, alike: Sequence[LookAlike]) -> List[Document]:
     """The effects, each tried with the refitted nominal model, best first."""
     tried, chosen = diagnosis.tried, {c.name for c in diagnosis.chosen}
     judged = {t.name for t in tried[:MAX_JUDGED]} | chosen
@@ -209,10 +212,10 @@ def _candidates(diagnosis: Diagnosis, alike: Sequence[LookAlike]) -> List[Docume
 
 
 def _next_experiment(
-    diagnosis: Diagnosis,
+    diagnosis: StepwiseDiagnosis,
     alike: Sequence[LookAlike],
     room: Optional[_core.RoomPlan],
-) -> Optional[Document]:
+) -> Optional[NextExperiment]:
     """The experiment that would distinguish the effects of the first group. Without a group, the
     experiment that would show an effect which these runs cannot; None if there is none."""
 
@@ -220,7 +223,7 @@ def _next_experiment(
     some = [diagnosis.runs[i * many // MAX_PLANNED_RUNS] for i in range(MAX_PLANNED_RUNS)]
     runs = diagnosis.runs if many <= MAX_PLANNED_RUNS else some
 
-    def propose(rivals: Mapping[str, Fit]) -> Optional[Document]:
+    def propose(rivals: Mapping[str, LikelihoodFit]) -> Optional[NextExperiment]:
         return next_experiment.propose(rivals, runs, diagnosis.each, room, diagnosis.work)
 
     for step in diagnosis.steps:
@@ -230,8 +233,7 @@ def _next_experiment(
     for other in alike:
         proposed = propose({other.name: other.fit, "": diagnosis.fit})
         if proposed:
-            proposed["separates"] = [other.name, *other.moved]
-            return proposed
+            return dataclasses.replace(proposed, separates=[other.name, *other.moved])
     return None
 
 

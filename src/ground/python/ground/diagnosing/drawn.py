@@ -8,7 +8,7 @@ from ground import _core
 from ground.analysis.bands import Bands
 from ground.reports import inspection
 from ground.support.annotations import Document
-from ground.support.errors import GroundError, warn
+from ground.support.errors import Diverged, warn
 from ground.support.workers import Workers
 
 REFITTED = "refitted"  # label of the nominal model
@@ -41,7 +41,7 @@ class Drawn:
         for models in (self.models, {**self.models, REFITTED: self.likeliest}):
             try:
                 each = iter(list(Workers().map(inspect, itertools.product(chosen, models.items()))))
-            except GroundError as error:
+            except Diverged as error:
                 failure = error
             else:
                 return [[next(each) for _ in models] for _ in chosen]

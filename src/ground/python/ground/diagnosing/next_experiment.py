@@ -1,25 +1,39 @@
 """The experiment that would distinguish effects that recorded runs do not distinguish."""
 
 import contextlib
-import dataclasses
 import math
+from dataclasses import dataclass, replace
 from typing import Any, List, Mapping, Optional, Sequence
 
 import numpy as np
 
 from ground import _core
-from ground.analysis.likelihood import Fit, Likelihood, call
+from ground.analysis.likelihood import Likelihood, LikelihoodFit, call
 from ground.analysis.thinning import thinned
 from ground.simulation import experiments
 from ground.simulation.designs import Design, designs
-from ground.support.annotations import Array, Document, Each
-from ground.support.errors import GroundError
+from ground.support.annotations import Array, Each
+from ground.support.errors import Diverged, GroundError
 from ground.support.progress import Work
 
 IN_ROOM = 16.0  # duration in a room, where returns take about half of it [s]
 RATE = 120.0  # rate of the mocap [Hz]
 MAX_REFITTED = 4  # experiments that are refitted
 CLEAR_DISAGREEMENT = 6.0  # standard deviations that distinguish rivals in nearly all cases
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """The experiment in which rivals would diverge most."""
+
+    separates: List[str]  #: names of the rivals
+    input: str  #: in words
+    arguments: str  #: of identify simulate, open loop
+    launch: str  #: line that flies it
+    room: str  #: its name
+    rows: List[List[float]]  #: time [s], left and right of the design
+    repeat: int  #: number of such runs for a clear decision
+    expected_disagreement: float  #: of one of them [standard deviations]
 
 
 def _options(design: Design, form: str) -> List[str]:
@@ -41,12 +55,12 @@ def _schedule_in(design: Design, room: _core.RoomPlan, model: _core.Model) -> ex
 
 
 def propose(
-    rivals: Mapping[str, Fit],
+    rivals: Mapping[str, LikelihoodFit],
     runs: Sequence[_core.RunData],
     each: Each = map,
     room: Optional[_core.RoomPlan] = None,
     work: Optional[Work] = None,
-) -> Optional[Document]:
+) -> Optional[NextExperiment]:
     """The experiment in which rivals, models that do the same on recorded runs, would diverge most.
 
     rivals: by name, their fits to the runs (_core.RunData). Each rival simulates each experiment that a
@@ -56,10 +70,7 @@ def propose(
     the log-likelihood of the poses under a rival's own disturbance (ground.analysis.likelihood); the pair
     that is hardest to distinguish counts. each: maps over experiments; work: told of each.
 
-    Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate, open loop),
-    `launch` (the line that flies it), `room` (its name), `rows` (time [s], left, right of the design),
-    `repeat` (number of such runs for a clear decision), and `expected_disagreement` of one of them [standard
-    deviations]. None when no experiment distinguishes the rivals.
+    None when no experiment distinguishes the rivals.
     """
     fits = list(rivals.values())
     if not fits[0].model.is_pair:
@@ -92,20 +103,20 @@ def propose(
     played = " ".join(["--input %s" % proposed.kind, *_options(proposed, "--%s %s")]) + lift
     flown = " ".join(["design:=%s" % proposed.kind, *_options(proposed, "%s:='%s'")])
     flies = "roslaunch ground room_prbs.launch mocap_host:=ADDRESS %s lift:=%g duration:=%g"
-    return {
-        "separates": list(rivals),
-        "input": proposed.words,
-        "arguments": played,
-        "launch": flies % (flown, proposed.lift, IN_ROOM),
-        "room": place.name,
-        "rows": proposed.rows(IN_ROOM).tolist(),
-        "repeat": math.ceil((CLEAR_DISAGREEMENT / best) ** 2),
-        "expected_disagreement": best,
-    }
+    return NextExperiment(
+        separates=list(rivals),
+        input=proposed.words,
+        arguments=played,
+        launch=flies % (flown, proposed.lift, IN_ROOM),
+        room=place.name,
+        rows=proposed.rows(IN_ROOM).tolist(),
+        repeat=math.ceil((CLEAR_DISAGREEMENT / best) ** 2),
+        expected_disagreement=best,
+    )
 
 
 def _disagreement(
-    rivals: Sequence[Fit],
+    rivals: Sequence[LikelihoodFit],
     schedule: experiments.Schedule,
     noise: Array,
     runs: Sequence[_core.RunData] = (),
@@ -119,7 +130,7 @@ def _disagreement(
         for i, true in enumerate(rivals):
             costs = _costs(rivals, [*runs, _run(true.model, schedule, noise)], bool(runs)) - known
             apart.append(np.delete(costs, i).min() - costs[i])
-    except GroundError:
+    except Diverged:
         return 0.0
     return float(np.sqrt(2 * max(0.0, min(apart))))
 
@@ -136,11 +147,11 @@ def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _c
     return _core.RunData("new", times, found["eta"], found["nu"], inputs, found["eta"], noise)
 
 
-def _costs(rivals: Sequence[Fit], runs: Sequence[_core.RunData], refitted: bool) -> Array:
+def _costs(rivals: Sequence[LikelihoodFit], runs: Sequence[_core.RunData], refitted: bool) -> Array:
     """Negative log-likelihood of poses under each rival, as it is or refitted with its levels kept."""
     on, costs = Likelihood(runs, rivals[0].model), []
     for rival in rivals:
-        near = dataclasses.replace(rival, loudness=())
+        near = replace(rival, loudness=())
         if refitted:
             costs.append(-on.fit(near.model, near.free, near=near, levels=False).log_posterior)
         else:

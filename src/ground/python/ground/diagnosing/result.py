@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
-from ground.analysis.effects import Effect
 from ground.analysis.verdict import MISREAD
 from ground.diagnosing import answer, document, words
 from ground.diagnosing.drawn import REFITTED, Drawn
+from ground.effect_library.effects import Effect
 from ground.models import Model, Parameter
 from ground.reports import matlab, result_folder
 from ground.support import files

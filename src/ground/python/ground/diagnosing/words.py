@@ -3,11 +3,12 @@
 import math
 from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
 
-from ground.analysis.formula_words import WORDS, quantity, with_interval
+from ground.analysis.formula_words import WORDS
 from ground.analysis.residuals import UNITS
-from ground.recordings.recording import POSE
+from ground.reading.recording import POSE
 from ground.reports.words import capital, listed, number, off
 from ground.support.annotations import Document
+from ground.support.quantities import quantity, with_interval
 
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
 MIN_ROOM = 0.3  # part of the random wrench's force from which a force in the room is reported

@@ -6,20 +6,21 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, diagnosis, formula_words, horizon, naming, window_error
+from ground.analysis import diagnosis, formula_words, horizon, naming, window_error, windows
 from ground.analysis.horizon import PoseError, as_document
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.verdict import Conclusion, conclude
+from ground.checks import suspicions
+from ground.checks.quality import repaired
 from ground.discovery import beliefs, information, pieces
 from ground.discovery.beliefs import State
 from ground.discovery.information import Offer, Question
 from ground.discovery.story import Off
-from ground.recordings import suspicions, windows
-from ground.recordings.quality import repaired
-from ground.recordings.recording import Recording
+from ground.effect_library import candidates
+from ground.reading.recording import Recording
 from ground.reports.words import prediction
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 from ground.support.progress import Work
 
 # Expected before the first flight: noise of the poses and random wrench
@@ -46,10 +47,10 @@ class Proposal:
 
 
 @dataclass(frozen=True)
-class Found:
+class FlightDiagnosis:
     """A diagnosis of all flights so far."""
 
-    diagnosis: diagnosis.Diagnosis
+    diagnosis: diagnosis.StepwiseDiagnosis
     conclusion: Conclusion
     state: State
     offers: List[Offer]  # what can be flown next
@@ -152,13 +153,13 @@ class Analyst:
 
     def diagnose(
         self, recordings: Sequence[Recording], reachable: float, seed: int, work: Optional[Work] = None
-    ) -> Found:
+    ) -> FlightDiagnosis:
         """Diagnoses recordings. reachable: time that is left for flights [s]; seed: of what is offered
         for the next one; work: is told what is done. GroundError when they are too short."""
         work = work or Work()
         runs = [repaired(recording).data(self.given) for recording in recordings]
         effects = [*candidates.library(self.given), *map(self._own, self.own)]
-        found = diagnosis.Diagnosis(runs, self.given, effects, threads=self.threads, work=work)
+        found = diagnosis.StepwiseDiagnosis(runs, self.given, effects, threads=self.threads, work=work)
         found.grow()
         conclusion = conclude(found)
         groups, fit, model = self._hypotheses(found, conclusion)
@@ -172,7 +173,7 @@ class Analyst:
         state = beliefs.after(groups, small, basis, known, self.sizes, later, noise)
         told = [member for group in groups.values() for member in group.values if member in self.own]
         words = {name: self.own[name].in_words(model) for name in told}
-        return Found(found, conclusion, state, offers, words)
+        return FlightDiagnosis(found, conclusion, state, offers, words)
 
     def offers(
         self,
@@ -191,7 +192,7 @@ class Analyst:
                 try:
                     motion = pieces.motion(piece, basis.model, self.room, 0.0, NOISE)
                     found.append(self._offer(piece, motion, basis, levels, varying))
-                except GroundError:
+                except Diverged:
                     continue  # by this model its motion is not finite
         return found
 
@@ -209,8 +210,8 @@ class Analyst:
         return Offer(piece, information.of_runs(basis, likelihood, levels).matrix, seconds)
 
     def _hypotheses(
-        self, found: diagnosis.Diagnosis, conclusion: Conclusion
-    ) -> Tuple[Dict[str, beliefs.Group], Fit, _core.Model]:
+        self, found: diagnosis.StepwiseDiagnosis, conclusion: Conclusion
+    ) -> Tuple[Dict[str, beliefs.Group], LikelihoodFit, _core.Model]:
         """The Groups of effects that were found and of a formula that is proposed; the fit and the model
         with all of them."""
         groups, formula = beliefs.found_by(found), conclusion.formula
@@ -222,7 +223,7 @@ class Analyst:
         groups[name] = beliefs.Group({name: 0.0}, formula.ratio)
         return groups, formula.fit, self._own(name).add(model)
 
-    def _propose(self, found: diagnosis.Diagnosis, conclusion: Conclusion) -> None:
+    def _propose(self, found: diagnosis.StepwiseDiagnosis, conclusion: Conclusion) -> None:
         """Tries from now on what would explain what the library does not, in the place of earlier
         proposals that explain nothing."""
         self.depends = "depends on " + formula_words.in_words(list(conclusion.ceiling.arguments)[:2])
@@ -237,7 +238,7 @@ class Analyst:
         self.own[name] = Proposal(dict(formula.entry, name=name), formula.means, formula)
 
 
-def sentences(found: Found, formulas: Mapping[str, Mapping[str, str]]) -> List[str]:
+def sentences(found: FlightDiagnosis, formulas: Mapping[str, Mapping[str, str]]) -> List[str]:
     """What a diagnosis says, in a few sentences. formulas: of effects that the library does not have."""
     chosen = [c.name for c in found.diagnosis.chosen]
     said = []
@@ -258,7 +259,7 @@ def error(run: _core.RunData, model: _core.Model) -> Optional[float]:
     """Mean |e|/s of a model over the windows of a run; None where its motion is not finite."""
     try:
         found = float(window_error.channel_errors([run], windows.cut([run]), model).sum())
-    except GroundError:
+    except Diverged:
         return None
     return found if np.isfinite(found) else None
 
@@ -268,7 +269,7 @@ def off(run: _core.RunData, model: _core.Model, seconds: float) -> Optional[Off]
     chosen = horizon.starts([run], seconds, window_error.FEW_WINDOWS)
     try:
         error = PoseError.of(horizon.pose_errors([run], [model] * len(chosen), chosen, seconds))
-    except GroundError:
+    except Diverged:
         return None
     return error.position_mm, error.heading_deg
 
@@ -280,7 +281,7 @@ def expected_off(run: _core.RunData, model: _core.Model, seconds: float) -> Off:
     return error.position_mm, error.heading_deg
 
 
-def expected_errors(run: _core.RunData, fit: Fit, trimmed: bool = False) -> List[float]:
+def expected_errors(run: _core.RunData, fit: LikelihoodFit, trimmed: bool = False) -> List[float]:
     """Errors that a fitted model is expected to have along a run that it was not fitted to: with the
     noise of poses and the random wrench, and a wrench that is constant in the run if `trimmed`."""
     cut, errors = windows.cut([run]), []

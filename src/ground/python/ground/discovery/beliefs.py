@@ -18,10 +18,11 @@ from typing import Collection, Dict, List, Mapping, NamedTuple
 
 import numpy as np
 
-from ground.analysis.diagnosis import Diagnosis
+from ground.analysis.diagnosis import StepwiseDiagnosis
 from ground.analysis.score_tests import solve
 from ground.discovery.information import DECIDED, Basis, Information, Question, Questions
 from ground.discovery.story import ABSENT, HIDDEN, OPEN, PRESENT, SLIGHT, Belief
+from ground.effect_library.parameters import described
 from ground.support.annotations import Array
 
 PRIOR = 0.05  # probability that an effect acts, before the first flight
@@ -64,8 +65,8 @@ class Group:
     ratio: float  # of the likelihoods with and without the found one, 2 ln
 
 
-def found_by(found: Diagnosis) -> Dict[str, Group]:
-    """The Groups of a Diagnosis, by the effects that it found."""
+def found_by(found: StepwiseDiagnosis) -> Dict[str, Group]:
+    """The Groups of a StepwiseDiagnosis, by the effects that it found."""
     search, groups = found.search, {}
     for step in found.steps:
         sets = {name: (found.names - {step.added}) | {name} for name in step.group}
@@ -231,8 +232,7 @@ class _Known:
     def _coordinate(self, name: str) -> float:
         """Distance of a parameter's coordinate from where it does nothing."""
         model = self.basis.model
-        described = next(p for p in model.parameters() if p["name"] == name)
-        value, neutral = model.value(name), described["neutral"]
+        value, neutral = model.value(name), described(model)[name].neutral
         return float(1 / value if np.isinf(neutral) else value - neutral)
 
 

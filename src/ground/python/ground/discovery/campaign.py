@@ -17,12 +17,12 @@ from typing import Callable, List, Optional
 from ground import _core
 from ground.analysis.horizon import as_document
 from ground.analysis.verdict import MISREAD
+from ground.checks.quality import repaired
 from ground.discovery import analyst, choice, confirmation, tracking
-from ground.discovery.analyst import Found
-from ground.discovery.flights import Flights, Settings
+from ground.discovery.analyst import FlightDiagnosis
+from ground.discovery.flights import CampaignSettings, Flights
 from ground.discovery.laboratory import Laboratory
 from ground.discovery.story import CONFIRM, DECIDE, GIVEN, LEFT, LOOK, SLIGHT, TRACK, Finding, Story
-from ground.recordings.quality import repaired
 from ground.support.progress import Work
 
 LEAVES = ("unexplained", "memory")  # verdicts that leave something to explain
@@ -34,7 +34,7 @@ PATIENCE = 3  # flights in a row that show nothing
 LASTING = 2  # findings in a row that leave a verdict unexplained before it is sure
 
 
-class Discovery(Flights):
+class FlightCampaign(Flights):
     """Finds the physics that a model of a craft in a Laboratory misses.
 
     folder: keeps all and is gone on from; empty: nothing is kept. told: called with the story at each
@@ -46,15 +46,15 @@ class Discovery(Flights):
         self,
         model: _core.Model,
         laboratory: Laboratory,
-        settings: Optional[Settings] = None,
+        settings: Optional[CampaignSettings] = None,
         folder: str = "",
         told: Optional[Callable[[Story], None]] = None,
         choose: choice.Chooser = choice.informed,
         threads: int = 0,
         work: Optional[Work] = None,
     ) -> None:
-        super().__init__(model, laboratory, settings or Settings(), folder, told)
-        self.found: Optional[Found] = None  # by all flights up to self._diagnosed
+        super().__init__(model, laboratory, settings or CampaignSettings(), folder, told)
+        self.found: Optional[FlightDiagnosis] = None  # by all flights up to self._diagnosed
         self._choose, self._threads, self._work = choose, threads, work
         self._diagnosed = 0
         self._stop = ""

@@ -7,14 +7,14 @@ import numpy as np
 from ground import _core
 from ground.analysis import window_error
 from ground.discovery import analyst
-from ground.discovery.analyst import Found
+from ground.discovery.analyst import FlightDiagnosis
 from ground.discovery.story import Confirmation, Flown
 from ground.reports.words import number
 
 TOLERANCE = 1.1  # largest ratio of a final model's error to those that are expected of it
 
 
-def of(flown: Flown, run: _core.RunData, found: Found, model: _core.Model) -> Confirmation:
+def of(flown: Flown, run: _core.RunData, found: FlightDiagnosis, model: _core.Model) -> Confirmation:
     """The Confirmation by a flight. run: its recording; found: the diagnosis of all flights before it;
     model: the final one."""
     varies = bool(found.conclusion.varies)

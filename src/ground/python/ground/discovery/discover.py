@@ -47,7 +47,10 @@ class DiscoverOptions(simulating.Acting, simulating.Mocap):
 
     room: Optional[RoomLike] = option(None, "room in which it flies (4 x 4 m)", metavar="ROOM.yaml")
     budget: float = option(
-        flights.Settings.budget, "longest time of flight [s] (%(default)g)", range=(1.0, 1e5), metavar="S"
+        flights.CampaignSettings.budget,
+        "longest time of flight [s] (%(default)g)",
+        range=(1.0, 1e5),
+        metavar="S",
     )
     seed: int = option(
         1, "for the mocap's noise and losses, the disturbance, and the inputs (%(default)s)", type=seed
@@ -168,7 +171,7 @@ def discover(
     acting = simulating.disturbance_on(mover, options.disturbance, options.trim)
     _check(mover.core, params, acting)
     laboratory = SimulatedLaboratory(mover.core, given.core, plan, params, acting, options.seed, folder=kept)
-    work, settings = Work.of(progress), flights.Settings(options.budget, options.track, options.seed)
+    work, settings = Work.of(progress), flights.CampaignSettings(options.budget, options.track, options.seed)
 
     def listen(story: Story) -> None:
         if kept:
@@ -180,7 +183,7 @@ def discover(
             told(story)
 
     with work.stage(FLYING, round(options.budget)):
-        flying = campaign.Discovery(given.core, laboratory, settings, kept, listen, work=work.quiet())
+        flying = campaign.FlightCampaign(given.core, laboratory, settings, kept, listen, work=work.quiet())
         listen(flying.story)
         story = flying.run()
     final = story.versions[-1]

@@ -7,14 +7,14 @@ from typing import Callable, Dict, List, Optional
 import numpy as np
 
 from ground import _core
-from ground.analysis import horizon
+from ground.analysis import horizon, windows
+from ground.checks.quality import repaired
 from ground.discovery import analyst, pieces, tracking
 from ground.discovery.journal import FIRST, Journal
 from ground.discovery.laboratory import Laboratory
 from ground.discovery.story import CONFIRM, GIVEN, TRACK, Flight, Flown, Off, Point, Story, Version
-from ground.recordings import readers, windows
-from ground.recordings.quality import repaired
-from ground.recordings.recording import Recording
+from ground.reading import readers
+from ground.reading.recording import Recording
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
@@ -25,7 +25,7 @@ REFUSED = "the controllers refuse the model %s: %s"
 
 
 @dataclass(frozen=True)
-class Settings:
+class CampaignSettings:
     """How a discovery goes on."""
 
     budget: float = 180.0  # longest time of flight: none begins that is expected to exceed it [s]
@@ -40,7 +40,7 @@ class Flights:
         self,
         model: _core.Model,
         laboratory: Laboratory,
-        settings: Settings,
+        settings: CampaignSettings,
         folder: str,
         told: Optional[Callable[[Story], None]],
     ) -> None:

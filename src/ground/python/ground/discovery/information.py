@@ -19,12 +19,11 @@ from typing import Collection, Dict, List, Mapping, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates as effects
-from ground.analysis import window_error
+from ground.analysis import window_error, windows
 from ground.analysis.likelihood import CAP, Likelihood, call
 from ground.analysis.score_tests import solve, stepped
 from ground.discovery.pieces import Piece
-from ground.recordings import windows
+from ground.effect_library import candidates as effects
 from ground.support.annotations import Array
 
 # Visibility at which a question counts as decided: a test at the threshold of a search (12.7 for one
@@ -59,7 +58,7 @@ class Basis:
             extended = candidate.neutral(extended)
         names, columns = list(free), {}
         for candidate in candidates:
-            described = [p["name"] for p in effects.seen_alone(extended, candidate.name)]
+            described = [p.name for p in effects.seen_alone(extended, candidate.name)]
             described = [name for name in described if name not in constants]
             columns[candidate.name] = list(range(len(names), len(names) + len(described)))
             names += described

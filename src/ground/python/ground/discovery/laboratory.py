@@ -7,7 +7,7 @@ import numpy as np
 
 from ground import _core
 from ground.discovery.story import Flight, Point
-from ground.recordings.recording import Recording
+from ground.reading.recording import Recording
 from ground.support.annotations import Array
 
 

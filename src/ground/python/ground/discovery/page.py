@@ -24,6 +24,7 @@ from ground.discovery.story import (
     Flown,
     Story,
 )
+from ground.effect_library.parameters import described
 from ground.reports import appearance, page
 from ground.reports.words import sentence
 from ground.support.annotations import Array, Document
@@ -64,8 +65,8 @@ def write(story: Story, folder: str, room: Optional[_core.RoomPlan] = None) -> s
         in_use=[i for i, v in enumerate(story.versions) if v.label == story.in_use],
         final=os.path.abspath(final) if final else "",
         parameters=[
-            [p["name"], old.get(p["name"], ""), value, p["unit"]]
-            for p, value in zip(newest.parameters(), _values(newest).values())
+            [name, old.get(name, ""), value, described(newest)[name].unit]
+            for name, value in _values(newest).items()
         ]
         if newest and old and newest is not given
         else [],
@@ -91,7 +92,7 @@ def _model(path: str) -> Optional[_core.Model]:
 
 def _values(model: Optional[_core.Model]) -> Dict[str, str]:
     """The parameters of a model as text, by name."""
-    return {p["name"]: "%.4g" % model.value(p["name"]) for p in model.parameters()} if model else {}
+    return {name: "%.4g" % model.value(name) for name in described(model)} if model else {}
 
 
 def _beliefs(story: Story, given: Optional[_core.Model]) -> Document:

@@ -11,8 +11,8 @@ from ground import _core
 from ground.discovery import tracking
 from ground.discovery.laboratory import Landed, lifted
 from ground.discovery.story import Flight, Point
-from ground.recordings import readers
-from ground.recordings.recording import Recording
+from ground.reading import readers
+from ground.reading.recording import Recording
 from ground.simulation import experiments, gains
 from ground.simulation.simulated_run import SimulatedRun
 from ground.support import files

@@ -3,9 +3,9 @@
 from typing import Callable, Iterator, List, Mapping, Optional, Set, Tuple
 
 from ground import _core
-from ground.analysis import candidates
 from ground.discovery import story as tale
 from ground.discovery.story import Finding, Flight, Flown, Story
+from ground.effect_library import candidates
 from ground.reports import words
 from ground.reports.words import listed, number, sentence
 

@@ -31,7 +31,7 @@ def compared(equations: Equations, code: str, to: str, prefix: str) -> Tuple[Opt
     try:
         with np.errstate(all="ignore"):
             found = RUN[to](code, prefix, *given)
-    except Missing as missing:
+    except MissingLibrary as missing:
         return None, str(missing)
     expected = _core.evaluate(equations.core, *given)
     largest = 0.0
@@ -77,7 +77,7 @@ def samples(equations: Equations, seed: int = 1) -> Tuple[Array, Array, Array, A
     return states, inputs, times, STEPS[0] * (STEPS[1] / STEPS[0]) ** random.random(COUNT)
 
 
-class Missing(Exception):
+class MissingLibrary(Exception):
     """What is not on this computer, so that code cannot run; the message says what to do."""
 
 
@@ -101,7 +101,7 @@ def _run_casadi(code: str, prefix: str, states: Array, inputs: Array, t: Array, 
     try:
         module = loaded(code)
     except ImportError as error:
-        raise Missing("CasADi is not installed (pip install casadi)") from error
+        raise MissingLibrary("CasADi is not installed (pip install casadi)") from error
     derivative, step, measure = module.functions()
     found = {
         "derivative": derivative(states.T, inputs.T, t[np.newaxis]),
@@ -129,7 +129,7 @@ void rows(int n, const double *states, const double *inputs, const double *t, co
 def _run_c(code: str, prefix: str, states: Array, inputs: Array, t: Array, dt: Array) -> Values:
     compiler = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), None)
     if not compiler:
-        raise Missing("there is no C compiler here (cc)")
+        raise MissingLibrary("there is no C compiler here (cc)")
     shape = len(states), states.shape[1]
     found = {"derivative": np.empty(shape), "step": np.empty(shape), "measure": np.empty((len(states), 6))}
     with tempfile.TemporaryDirectory(prefix="ground-") as folder:
@@ -141,7 +141,9 @@ def _run_c(code: str, prefix: str, states: Array, inputs: Array, t: Array, dt: A
             subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         except (OSError, subprocess.CalledProcessError) as error:
             why = (getattr(error, "stderr", None) or str(error).encode()).decode(errors="replace")
-            raise Missing("%s does not compile it: %s" % (compiler, (why.split("\n") or [why])[0])) from error
+            raise MissingLibrary(
+                "%s does not compile it: %s" % (compiler, (why.split("\n") or [why])[0])
+            ) from error
         arrays = [np.ascontiguousarray(a) for a in (states, inputs, t, dt)] + list(found.values())
         pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in arrays]
         ctypes.CDLL(library).rows(ctypes.c_int(len(states)), *pointers)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Iterator, List, Optional, Sequence, Tuple
 import jinja2
 
 from ground import _core
+from ground.effect_library.parameters import described
 from ground.equations import checks, languages
 from ground.equations.statements import Equations, Function, Language, Symbol
 from ground.support import files, origin
@@ -128,7 +129,7 @@ def _code(equations: Equations, to: str, prefix: str, path: str) -> str:
     loader = jinja2.FileSystemLoader(os.path.dirname(os.path.abspath(__file__)))
     environment = jinja2.Environment(loader=loader, trim_blocks=True, lstrip_blocks=True)
     template = environment.get_template("c.jinja" if to == "c" else "python.jinja")
-    described = {p["name"]: p for p in core.parameters()}
+    known = described(core)
     text = template.render(
         title=_safe(core.name or "A model"),
         version=_core.version,
@@ -149,8 +150,8 @@ def _code(equations: Equations, to: str, prefix: str, path: str) -> str:
                 "name": name,
                 "identifier": symbol.identifier,
                 "value": core.value(name),
-                "doc": _safe(described[name]["doc"] or name),
-                "unit": _safe(described[name]["unit"]),
+                "doc": _safe(known[name].doc or name),
+                "unit": _safe(known[name].unit),
             }
             for name, symbol in equations.parameters.items()
         ],

@@ -16,7 +16,7 @@ NANOSECONDS = 1e9  # in a second
 PACKAGE = "ground"  # name of the package of the protobuf messages
 
 
-class Kind(NamedTuple):
+class ChannelContent(NamedTuple):
     """What a channel has: fields of numbers with their units, of texts, and of flags."""
 
     about: str
@@ -30,42 +30,42 @@ MOTION = (*POSE, "u_m_s", "v_m_s", "r_deg_s")
 STATUS = ("state", "reason")
 MODELS = ("model", "model2")  # the first and the second model, in topics
 
-PREDICTION = Kind(
+PREDICTION = ChannelContent(
     "pose (world_ned) and velocity (body) that a model predicts; measured minus predicted pose",
     (*MOTION, "off_x_mm", "off_y_mm", "off_heading_deg", "off_mm", "ahead_s"),
     ("model",),
 )
-ACCURACY = Kind(
+ACCURACY = ChannelContent(
     "rms error of the predictions, five times a second at most, and what the noise of the poses alone leaves",
     ("position_mm", "heading_deg", "position_noise_mm", "heading_noise_deg", "horizon_s"),
     ("model",),
     ("excited",),
 )
-MISSING = Kind(
+MISSING = ChannelContent(
     "missing force and moment of a model (body), and their standard deviations",
     ("X_mN", "Y_mN", "N_mNm", "X_sigma_mN", "Y_sigma_mN", "N_sigma_mNm"),
     ("model",),
 )
 OF_MODEL = {"prediction": PREDICTION, "accuracy": ACCURACY, "missing": MISSING}
-KINDS: Dict[str, Kind] = {
-    "/pose": Kind("pose as the mocap measured it (world_ned)", POSE),
-    "/state": Kind(
+KINDS: Dict[str, ChannelContent] = {
+    "/pose": ChannelContent("pose as the mocap measured it (world_ned)", POSE),
+    "/state": ChannelContent(
         "state of the craft (pose world_ned, velocity body)", (*MOTION, "age_ms"), ("status",), ("valid",)
     ),
-    "/reference": Kind("where the craft should be (world_ned)", ("x_m", "y_m", "speed_m_s")),
+    "/reference": ChannelContent("where the craft should be (world_ned)", ("x_m", "y_m", "speed_m_s")),
     **{"/%s/%s" % (model, name): kind for model in MODELS for name, kind in OF_MODEL.items()},
-    "/comparison": Kind(
+    "/comparison": ChannelContent(
         "which of two models predicts better; 1 is what noise leaves",
         ("difference", "standard_error"),
         ("better",),
     ),
-    "/controller": Kind("state of the controller", ("elapsed_s",), STATUS),
-    "/sender": Kind(
+    "/controller": ChannelContent("state of the controller", ("elapsed_s",), STATUS),
+    "/sender": ChannelContent(
         "state of the link to the craft",
         ("sent", "received", "malformed", "foreign", "refused"),
         (*STATUS, "peer"),
     ),
-    "/discovery": Kind(
+    "/discovery": ChannelContent(
         "state of a discovery",
         ("flight", "flown_s", "budget_s"),
         ("activity", "purpose", "verdict", "reason"),
@@ -127,7 +127,7 @@ class Numbers:
     five times as long, and there are hundreds of messages a second.
     """
 
-    def __init__(self, topic: str, kind: Kind, context: Any) -> None:
+    def __init__(self, topic: str, kind: ChannelContent, context: Any) -> None:
         """context: of foxglove, that the channel belongs to."""
         doubles = [_tag(number, _FIXED64) for number in range(1, len(kind.numbers) + 1)]
         self._factors = [factor(name) for name in kind.numbers]

@@ -10,9 +10,10 @@ from ground.models import Model, ModelLike
 from ground.support import command_line
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
+from ground.support.public import public
 
 if TYPE_CHECKING:
-    from ground import ExportedRun
+    from ground.exporting.recorded import ExportedRun
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -65,22 +66,19 @@ def _model(arguments: argparse.Namespace) -> written.ExportedModel:
 
 def _run(arguments: argparse.Namespace) -> "ExportedRun":
     """A run as an MCAP file."""
-    import ground
-
     runs = list(bag_arguments.reading(arguments, [arguments.source]))
     if len(runs) != 1:
         raise GroundError("%s has %d runs; export takes one" % (arguments.source, len(runs)))
     models = [model for path in arguments.against for model in _models(path)]
-    return ground.to_mcap(runs[0], arguments.mcap, models, arguments.horizon, arguments.force)
+    made: ExportedRun = public("to_mcap")(runs[0], arguments.mcap, models, arguments.horizon, arguments.force)
+    return made
 
 
 def _models(path: str) -> List[ModelLike]:
     """The given and the proposed model of a diagnosis, or a model file."""
-    import ground
-
     if not os.path.isdir(path):
         return [path]
-    found = ground.Diagnosis.load(path)
+    found = public("Diagnosis").load(path)
     given = str(found.report["model"])
     if not os.path.isfile(given):
         text = "%s: its model %s is not there any more; give model files in place of the diagnosis"

@@ -10,12 +10,12 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import missing_wrench
-from ground.data.measured import taken
+from ground.data.read import taken
 from ground.exporting import viewers
 from ground.exporting.channels import MODELS, NANOSECONDS
 from ground.models import Model, ModelLike, Room
-from ground.recordings import repair
-from ground.recordings.recording import Recording
+from ground.poses import repair
+from ground.reading.recording import Recording
 from ground.support import files
 from ground.support.annotations import Array, Document, Indices, Path
 from ground.support.errors import GroundError
@@ -69,7 +69,7 @@ class ExportedRun(Shown):
         return {name: getattr(self, name) for name in names}
 
 
-class Source(NamedTuple):
+class ChannelWriter(NamedTuple):
     """What is written to a channel: at which times [ns], and a function that writes what was true then."""
 
     channel: str
@@ -134,7 +134,7 @@ def to_mcap(
     )
 
 
-def _measured(view: "View", run: Recording) -> List[Source]:
+def _measured(view: "View", run: Recording) -> List[ChannelWriter]:
     """Poses as measured, the state, and the commands."""
     stamps = repair.on_commands_clock(run.pose_times, run.clock_offset)
     motion = run.motion
@@ -143,15 +143,17 @@ def _measured(view: "View", run: Recording) -> List[Source]:
     poses, states = run.eta[order].tolist(), np.column_stack([repaired, motion.nu]).tolist()
     commands = run.controls.tolist()
     return [
-        Source(
+        ChannelWriter(
             "/commands", _at(run.control_times), lambda at, i: view.commands(at, run.channels, commands[i])
         ),
-        Source("/pose", _at(stamps[order]), lambda at, i: view.pose(at, poses[i])),
-        Source("/state", _at(motion.times), lambda at, i: view.state(at, states[i][:3], states[i][3:])),
+        ChannelWriter("/pose", _at(stamps[order]), lambda at, i: view.pose(at, poses[i])),
+        ChannelWriter(
+            "/state", _at(motion.times), lambda at, i: view.state(at, states[i][:3], states[i][3:])
+        ),
     ]
 
 
-def _predicted(view: "View", model: int, label: str, made: "Prediction") -> List[Source]:
+def _predicted(view: "View", model: int, label: str, made: "Prediction") -> List[ChannelWriter]:
     """What a model predicts sample by sample; and at both ends of this, how far it is off at the horizon."""
     rows, off, ahead = made.predicted.tolist(), made.residuals[:, :3].tolist(), made.ahead.tolist()
     error, noise = (
@@ -171,21 +173,21 @@ def _predicted(view: "View", model: int, label: str, made: "Prediction") -> List
         made.position_mm, made.heading_deg, made.horizon, made.noise_mm, made.noise_deg
     )  # fmt: skip
     return [
-        Source("/log", times[:1], lambda at, i: view.say(at, label, told)),
-        Source(topic + "accuracy", times[[0, -1]], summarise),
-        Source(topic + "prediction", times, write),
+        ChannelWriter("/log", times[:1], lambda at, i: view.say(at, label, told)),
+        ChannelWriter(topic + "accuracy", times[[0, -1]], summarise),
+        ChannelWriter(topic + "prediction", times, write),
     ]
 
 
-def _missing(made: "Prediction") -> missing_wrench.Missing:
+def _missing(made: "Prediction") -> missing_wrench.MissingWrench:
     """The missing wrench of the model of a prediction along its run."""
     core = made.model.core
     return missing_wrench.of_wrench(missing_wrench.undisturbed(core, made.run), core)
 
 
 def _missing_source(
-    view: "View", model: int, label: str, inferred: missing_wrench.Missing, zero: float
-) -> List[Source]:
+    view: "View", model: int, label: str, inferred: missing_wrench.MissingWrench, zero: float
+) -> List[ChannelWriter]:
     """The missing wrench, and the spans that are left out of it; zero: origin of the times on the recording's
     clock [s]."""
     wrench, sigma = inferred.wrench.tolist(), inferred.sigma.tolist()
@@ -198,12 +200,12 @@ def _missing_source(
 
     topic = "/%s/missing" % MODELS[model]
     return [
-        Source(topic, times, lambda at, i: view.missing(model, at, label, wrench[i], sigma[i])),
-        Source("/log", _at(np.array([start for start, _ in spans]) + zero), told),
+        ChannelWriter(topic, times, lambda at, i: view.missing(model, at, label, wrench[i], sigma[i])),
+        ChannelWriter("/log", _at(np.array([start for start, _ in spans]) + zero), told),
     ]
 
 
-def _changes(view: "View", run: Recording) -> List[Source]:
+def _changes(view: "View", run: Recording) -> List[ChannelWriter]:
     """Where the run begins, and changes of parameters and models during it."""
     changes = run.changes
 
@@ -213,12 +215,12 @@ def _changes(view: "View", run: Recording) -> List[Source]:
 
     begins = _at(run.pose_times.min(keepdims=True))
     return [
-        Source("/log", begins, lambda at, i: view.say(at, "run", run.name)),
-        Source("/log", _at(np.array([one.time for one in changes])), change),
+        ChannelWriter("/log", begins, lambda at, i: view.say(at, "run", run.name)),
+        ChannelWriter("/log", _at(np.array([one.time for one in changes])), change),
     ]
 
 
-def _write(sources: Sequence[Source]) -> None:
+def _write(sources: Sequence[ChannelWriter]) -> None:
     """Writes everything in order of time."""
     times = np.concatenate([source.times for source in sources])
     which = np.repeat(np.arange(len(sources)), [len(source.times) for source in sources])

@@ -7,7 +7,16 @@ from foxglove import channels as fc
 from foxglove import messages as fx
 
 from ground.exporting import shapes
-from ground.exporting.channels import COMMANDS, KINDS, MODELS, Beliefs, Kind, Numbers, clean, identifiers
+from ground.exporting.channels import (
+    COMMANDS,
+    KINDS,
+    MODELS,
+    Beliefs,
+    ChannelContent,
+    Numbers,
+    clean,
+    identifiers,
+)
 from ground.exporting.scene import Scene
 from ground.models import Model, Room
 
@@ -67,7 +76,7 @@ class View:
             self._names[topic] = tuple(names)
             if topic in self._numbers:
                 self._numbers.pop(topic).channel.close()
-            kind = Kind(COMMANDS[topic], identifiers(names))
+            kind = ChannelContent(COMMANDS[topic], identifiers(names))
             self._numbers[topic] = Numbers(topic, kind, self._context)
         self._numbers[topic].log(time, values)
         if not wanted:

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tupl
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, distributions, horizon, judge, window_error
-from ground.analysis.effects import Effect, EffectLike
+from ground.analysis import distributions, horizon, judge, window_error, windows
 from ground.analysis.horizon import ModelsAt, PredictionError, as_document
 from ground.analysis.window_error import WindowFit
 from ground.data import bag_arguments
-from ground.data.measured import Measured, Recordings, held_out, measured
+from ground.data.measured import Measured, held_out, measured
+from ground.data.read import Recordings
+from ground.effect_library import candidates
+from ground.effect_library.effects import Effect, EffectLike
 from ground.fitting.result import Change
 from ground.models import (
     Model,
@@ -23,7 +25,6 @@ from ground.models import (
     parameter_frame,
     parameters_by_name,
 )
-from ground.recordings import windows
 from ground.reports import words
 from ground.support import command_line
 from ground.support.annotations import Document, Path
@@ -210,7 +211,7 @@ def _result(
     after: WindowFit,
     errors: Dict[str, Change],
     prediction: Optional[PredictionError],
-    judged: judge.Comparison,
+    judged: judge.PairedComparison,
 ) -> Addition:
     parameters = parameters_by_name(after.parameters)
     model = fitted_model(
@@ -235,7 +236,7 @@ def _result(
         noise_floor=float(window_error.noise_floor(seen.data, after.model).sum()),
         folds="each run by a fit to the others" if several else "each quarter by a fit to the rest",
         window=windows.length(seen.data),
-        verdict=_verdict(parameters, {p["name"]: p["neutral"] for p in own}, interval, errors, judged),
+        verdict=_verdict(parameters, {p.name: p.neutral for p in own}, interval, errors, judged),
     )
 
 
@@ -244,7 +245,7 @@ def _verdict(
     neutral: Dict[str, float],
     interval: Tuple[float, float],
     errors: Dict[str, Change],
-    judged: judge.Comparison,
+    judged: judge.PairedComparison,
 ) -> Verdict:
     """The Verdict on an effect; neutral: values of its parameters at which it does nothing; interval: of the
     ratio of errors on held-out data; judged: the model with it and without it."""

@@ -9,9 +9,8 @@ import numpy as np
 import yaml
 
 from ground import _core
-from ground.analysis import candidates
-from ground.analysis.formula_words import quantity, with_interval
 from ground.data import bag_arguments
+from ground.effect_library import candidates
 from ground.fitting import bench_logs, bench_motion, thrust_bench
 from ground.fitting.fit import fit
 from ground.models import Model, with_provenance
@@ -20,6 +19,7 @@ from ground.support.annotations import Document
 from ground.support.errors import GroundError, warn
 from ground.support.headline import Line, formatted
 from ground.support.origin import digest_of_files
+from ground.support.quantities import quantity, with_interval
 
 EFFECTS = {"a": "thrust_asymmetry", "p": "thrust_curve"}  # of a left and a right thruster
 CURVES = ("linear", "power", "polynomial")

@@ -13,7 +13,7 @@ from typing import Iterator, List, Optional, Sequence, Tuple
 import numpy as np
 from scipy import stats
 
-from ground.recordings import containers
+from ground.reading import containers
 from ground.support.annotations import Array, Indices
 from ground.support.errors import GroundError
 

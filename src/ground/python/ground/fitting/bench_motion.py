@@ -14,16 +14,17 @@ import numpy as np
 from scipy import stats
 
 from ground import _core
-from ground.analysis import candidates
-from ground.analysis.formula_words import quantity, with_interval
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.window_error import free_parameters
-from ground.data.measured import Part, Recordings, measured
+from ground.data.measured import Part, measured
+from ground.data.read import Recordings
+from ground.effect_library import candidates
 from ground.fitting import result as fitting
 from ground.models import Model
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 from ground.support.progress import Work
+from ground.support.quantities import quantity, with_interval
 
 MOVING, STAGE = ("input_delay", "motor_lag"), "fitting mass and inertia to motion"
 LEVEL = 0.01  # probability of adding a delay that is not there
@@ -32,7 +33,7 @@ UNSURE = 1.0  # relative half-width of an interval from which a number is not id
 
 
 @dataclass(frozen=True)
-class Motion:
+class MassByMotion:
     """What motion says with the bench's forces."""
 
     k: Tuple[float, float, float]  #: value and 95% interval, with the model's mass [N]
@@ -126,8 +127,8 @@ def over_windows(fit: fitting.Fit, bench: float, at: str) -> str:
 
 def motion(
     model: Model, bench: Tuple[float, float, float], recordings: Recordings, part: Part, work: Work
-) -> Motion:
-    """The Motion of recordings. model: with the bench's thrust; bench: its k and the 95% interval.
+) -> MassByMotion:
+    """The MassByMotion of recordings. model: with the bench's thrust; bench: its k and the 95% interval.
     GroundError where the recordings cannot be used."""
     seen = measured(recordings, model, part, work)
     likelihood = Likelihood(seen.data, model.core)
@@ -139,7 +140,7 @@ def motion(
         for name, start in starts:
             try:
                 found = likelihood.fit(start, _free(start), plain)
-            except GroundError:  # it cannot be simulated
+            except Diverged:  # it cannot be simulated
                 found = plain
             work.step()
             needed = plain.log_posterior + stats.chi2.isf(LEVEL / len(MOVING), 1) / 2
@@ -149,7 +150,7 @@ def motion(
     m, inertia = (_interval(described[name]) for name in ("m", "I_z"))
     given, own = model.core.value("m"), _relative(bench)
     time = next((p for name, p in described.items() if effect and name.split(".")[0] == effect), None)
-    return Motion(
+    return MassByMotion(
         (bench[0] * given / m[0], bench[0] * given / m[2], bench[0] * given / max(m[1], 1e-9 * m[0])),
         _times(m[0], _relative(m), own),
         _times(inertia[0], _relative(inertia), own),
@@ -177,7 +178,7 @@ def _starts(model: _core.Model) -> Iterator[Tuple[str, _core.Model]]:
         for time in STARTS:
             start = candidates.of_library(name).neutral(model)
             (parameter,) = candidates.parameters_of(start, name)
-            start.set_value(parameter["name"], time)
+            start.set_value(parameter.name, time)
             yield name, start
 
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import window_error
-from ground.recordings.quality import RepairedRun
+from ground.checks.quality import RepairedRun
 from ground.support.annotations import Array
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 # Shares of the time scale: over which coming and past commands are averaged, how old motion is, samples
 AHEAD, PAST, OLD, STEP = 0.1, (1e-3, 0.05, 0.1, 0.2, 0.4, 0.8), (0.1, 0.3), 0.05
@@ -33,7 +33,7 @@ def closed(runs: Sequence[RepairedRun], data: Sequence[_core.RunData], model: _c
             continue
         try:
             predicted = window_error.recorded(one, model, np.random.default_rng(0))
-        except GroundError:  # the model's motion is not finite
+        except Diverged:  # the model's motion is not finite
             continue
         known = [np.ones(len(at)), _motion(times, np.array(predicted.poses), at, scale)]
         known += [_commands(run, at - b * scale, at - a * scale) for a, b in zip((0.0, *PAST), PAST)]

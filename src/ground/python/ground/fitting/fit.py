@@ -9,17 +9,18 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import comparison, horizon, window_error
+from ground.analysis import comparison, horizon, window_error, windows
 from ground.analysis.distributions import student_outside
 from ground.analysis.horizon import ModelsAt, PredictionError
-from ground.analysis.predicted_band import HeldOut
+from ground.analysis.predicted_band import FitWithout
 from ground.analysis.window_error import WindowFit, WindowFitter
+from ground.checks import quality
 from ground.data import bag_arguments, voltage
-from ground.data.measured import Measured, Recordings, held_out, measured
+from ground.data.measured import Measured, held_out, measured
+from ground.data.read import Recordings
 from ground.fitting import closed_loop, identifiability, priors
 from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model, parameters_by_name
-from ground.recordings import quality, windows
 from ground.support import command_line
 from ground.support.annotations import Document
 from ground.support.command_line import count, option
@@ -154,10 +155,10 @@ def fit(
     tested, seconds = held.data or seen.data, horizon.horizon(seen.data, start)
     prediction = horizon.prediction_error(tested, seconds, models, found.model)
     parts = [
-        HeldOut(without["model"], seen.data[part :: fitter.most_parts])
+        FitWithout(without["model"], seen.data[part :: fitter.most_parts])
         for part, without in (found.others.items() if len(seen.data) > 1 else ())
     ]
-    parts += [HeldOut(shifted) for shifted in found.result["shifted"]]
+    parts += [FitWithout(shifted) for shifted in found.result["shifted"]]
     result = _result(given, seen, options.starts, found.result, errors, prediction, runs, known)
     return replace(result, parts=parts)
 
@@ -178,7 +179,7 @@ def _prepared(
     lengths: List[float] = []
     longest = 0.5 * min(float(np.ptp(run.times)) for run in seen.data)
     while True:
-        cut = _recut(seen, given, options, min(windows.usual(model), longest))
+        cut = _recut(seen, given, options, min(quality.usual_window(model), longest))
         if windows.length(cut.data) in lengths:
             break
         lengths.append(windows.length(cut.data))
@@ -187,7 +188,7 @@ def _prepared(
         if kept and _worse(cut.data, found["model"], moved["model"]):
             found, kept, unknown = moved, [], []
         model = found["model"]
-    if windows.usual(model) > longest:
+    if quality.usual_window(model) > longest:
         cut = seen  # too short for this craft: as given
     same = windows.length(cut.data) == windows.length(seen.data)
     return cut, given.core if same else model, kept, unknown

@@ -5,10 +5,10 @@ from typing import Callable, Dict, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import likelihood, window_error
-from ground.recordings import payloads, windows
+from ground.analysis import likelihood, window_error, windows
+from ground.reading import payloads
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
+from ground.support.errors import Diverged
 
 WELL_KNOWN = 0.03  # relative deviation below which a parameter is well known
 MAX_COMBINED = 0.5  # largest deviation of a combination to be named, relative to its better part
@@ -78,7 +78,7 @@ def _missed(
             try:
                 made = [window_error.recorded(run, true, seed) for run, seed in zip(runs, seeds)]
                 pair.append(fit(made, model, keep)["model"])
-            except GroundError:
+            except Diverged:
                 return missed  # the model cannot be simulated along the runs
         for name in free:
             off = pair[1].value(name) - pair[0].value(name)

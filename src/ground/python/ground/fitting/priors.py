@@ -6,6 +6,7 @@ from typing import Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
 from ground import _core
 from ground.analysis.distributions import student_outside
+from ground.effect_library.parameters import described
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
@@ -31,7 +32,7 @@ def known(model: _core.Model, given: Given) -> Known:
     parameter or an effect. Raises GroundError on an unknown name and on a deviation that is not above 0.
     """
     found: Known = {}
-    names = [p["name"] for p in model.parameters()]
+    names = list(described(model))
     for name, deviation in dict(given).items():
         chosen = [n for n in names if n == name or n.split(".")[0] == name]
         if not chosen:

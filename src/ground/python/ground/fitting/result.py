@@ -7,23 +7,26 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence,
 import numpy as np
 
 from ground import _core
+from ground.analysis import windows
 from ground.analysis.distributions import student_limit
 from ground.analysis.horizon import PredictionError, as_document
 from ground.analysis.likelihood import step
-from ground.analysis.predicted_band import HeldOut
+from ground.analysis.predicted_band import FitWithout
 from ground.analysis.score_tests import moved
+from ground.effect_library.parameters import described
 from ground.models import Model, Parameter, parameter_frame
-from ground.recordings import windows
 from ground.reports import words
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
 from ground.support.headline import Line
+from ground.support.public import public
 from ground.support.results import Plotted, Shown, with_units
 
 if TYPE_CHECKING:
     import pandas
 
-    from ground import Prediction, Recording
+    from ground import Prediction
+    from ground.reading.recording import Recording
 
 FAR = 100.0  # ratio to the start value of a parameter at its bound that is none of the craft
 
@@ -113,7 +116,7 @@ class Fit(Shown, Plotted):
     freedom: float  #: degrees of freedom of Student's t of the intervals
     data: List[_core.RunData] = field(compare=False)  #: the parts of the runs fitted to
     #: fits without a part of several runs
-    parts: List[HeldOut] = field(default_factory=list, compare=False)
+    parts: List[FitWithout] = field(default_factory=list, compare=False)
 
     def predict(
         self,
@@ -128,9 +131,8 @@ class Fit(Shown, Plotted):
         by how much fits without each run differ, its size by how far these are off the run that they were not
         fitted to. GroundError when the model was fitted to a single run.
         """
-        import ground
-
-        return ground.predict(self.model, recording, horizon, band, self.parts, **options)
+        made: Prediction = public("predict")(self.model, recording, horizon, band, self.parts, **options)
+        return made
 
     def conf_int(self, level: float = 0.95) -> "pandas.DataFrame":
         """Confidence intervals of the parameters, indexed by name: low, high, by Student's t of their
@@ -138,13 +140,13 @@ class Fit(Shown, Plotted):
         if not 0 < level < 1:
             raise GroundError("a level of confidence is between 0 and 1, not %g" % level)
         factor = student_limit(0.5 - level / 2, self.freedom) / student_limit(0.025, self.freedom)
-        described = {p["name"]: p for p in self.model.core.parameters()}
+        known = described(self.model.core)
         frame = self.to_frame()
         for p in self.parameters.values():
             if p.identified:
                 # one end may be that of the range
-                reach = factor * max(abs(step(described[p.name], p.value, end)) for end in p.ci95)
-                ends = sorted(moved(described[p.name], p.value, by) for by in (-reach, reach))
+                reach = factor * max(abs(step(known[p.name], p.value, end)) for end in p.ci95)
+                ends = sorted(moved(known[p.name], p.value, by) for by in (-reach, reach))
                 frame.loc[p.name, ["low", "high"]] = ends
         return frame[["low", "high"]]
 
@@ -185,8 +187,8 @@ class Fit(Shown, Plotted):
     def to_dict(self) -> Document:
         """Plain values, as `identify fit --json` prints them."""
         parameters = {name: asdict(p) for name, p in self.parameters.items()}
-        for described in parameters.values():
-            del described["name"]
+        for values in parameters.values():
+            del values["name"]
         return {
             "parameters": parameters,
             "error": asdict(self.error),

@@ -8,8 +8,9 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 
 from ground.analysis.distributions import normal_limit
+from ground.effect_library.parameters import described
 from ground.ledger import changes, estimates, hierarchy
-from ground.ledger.changes import Change, Series
+from ground.ledger.changes import ParameterChange, Series
 from ground.ledger.hierarchy import Levels, Runs
 from ground.models import Model
 from ground.support.annotations import Array, Document, Indices
@@ -43,7 +44,7 @@ class Analysed:
     levels: Levels  #: with changes taken out
     each: Array  #: (n, p) what each run tells about each parameter alone
     known: Array  #: (n, p) its information
-    changes: Dict[Tuple[int, int], List[Change]]  #: by craft and parameter
+    changes: Dict[Tuple[int, int], List[ParameterChange]]  #: by craft and parameter
     curves: Array  #: (n, p) mean with the changes; not a number where a run tells nothing
     odd: List[Odd]
 
@@ -63,8 +64,8 @@ class Analysed:
         """A coordinate in scales as a value of the parameter, in its bounds."""
         name, x = self.free[parameter], coordinate * self.scale[parameter]
         flip = estimates.reciprocal(self.model.core, self.free)[parameter]
-        bounds = {p["name"]: (p["lower"], p["upper"]) for p in self.model.core.parameters()}[name]
-        return float(np.clip(1 / x if flip and x else x, *bounds))
+        known = described(self.model.core)[name]
+        return float(np.clip(1 / x if flip and x else x, known.lower, known.upper))
 
     def interval(self, parameter: int, coordinate: float, low: float, high: float) -> Document:
         """Value and interval of a coordinate, an end that is beyond all values is null."""
@@ -102,7 +103,7 @@ def analyse(
 def _with_changes(made: Analysed) -> Tuple[Analysed, Array]:
     """The same with the changes of each parameter of each craft, and how far each run (n, p) was from the
     newest one by them."""
-    found: Dict[Tuple[int, int], List[Change]] = {}
+    found: Dict[Tuple[int, int], List[ParameterChange]] = {}
     curves, shifts = made.curves.copy(), np.zeros(made.curves.shape)
     for craft, i in itertools.product(range(len(made.crafts)), range(len(made.free))):
         at = made.of(craft, i)
@@ -117,7 +118,7 @@ def _with_changes(made: Analysed) -> Tuple[Analysed, Array]:
     return replace(made, changes=found, curves=curves), shifts
 
 
-def _changes(series: Series, level: float) -> List[Change]:
+def _changes(series: Series, level: float) -> List[ParameterChange]:
     """The changes of a series, from the cache where they are known."""
     parts = [array.tobytes() for array in (series.values, series.variance, series.day)]
     key = digest([*parts, b"%g %d" % (level, estimates.KEPT)])
@@ -126,7 +127,7 @@ def _changes(series: Series, level: float) -> List[Change]:
     if found is None:
         found = {"content": key, "changes": [asdict(one) for one in changes.find(series, level)]}
         estimates.keep(path, found)
-    return [Change(**one) for one in found["changes"]]
+    return [ParameterChange(**one) for one in found["changes"]]
 
 
 def _odd(levels: Levels, tolerance: float) -> List[Odd]:

@@ -52,7 +52,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Change:
+class ParameterChange:
     """A change of a parameter."""
 
     kind: str  #: DRIFT or JUMP
@@ -97,7 +97,7 @@ def smoothed(series: Series) -> Series:
     return Series(middle + np.clip(away, -OUTLIER * usual, OUTLIER * usual), series.variance, series.day)
 
 
-def find(given: Series, level: float, seed: int = 1) -> List[Change]:
+def find(given: Series, level: float, seed: int = 1) -> List[ParameterChange]:
     """The changes with a chance below `level`, in the order of the runs; less than 2 FEWEST have none."""
     if given.count < 2 * FEWEST:
         return []
@@ -155,7 +155,7 @@ def column(count: int, found: _Found) -> Array:
     return np.linspace(0.0, 1.0, count) if kind == DRIFT else np.asarray(np.arange(count) >= at, float)
 
 
-def curve(series: Series, found: Sequence[Change]) -> Array:
+def curve(series: Series, found: Sequence[ParameterChange]) -> Array:
     """The mean (n,) of the values with changes."""
     parts = [column(series.count, (one.kind, one.at, one.chance)) * one.size for one in found]
     changed = np.sum(parts, axis=0) if parts else np.zeros(series.count)
@@ -227,7 +227,7 @@ def _needed(series: Series, found: Sequence[_Found]) -> List[_Found]:
     return kept
 
 
-def _sized(series: Series, all_found: Sequence[_Found], one: _Found, random: Random) -> Change:
+def _sized(series: Series, all_found: Sequence[_Found], one: _Found, random: Random) -> ParameterChange:
     """A change with the interval of its profile likelihood, at the ratio that chance exceeds in 5%."""
     others = [column(series.count, other) for other in all_found if other is not one]
     base, own = np.column_stack([series.base, *others]), column(series.count, one)[:, None]
@@ -247,7 +247,7 @@ def _sized(series: Series, all_found: Sequence[_Found], one: _Found, random: Ran
     left = limit - (losses - losses.min())
     reach = np.sqrt(np.maximum(left, 0) / knowledge)
     inside = left >= 0  # the union of the intervals of all likely scatters
-    return Change(
+    return ParameterChange(
         one[0],
         one[1],
         float(sizes[likeliest]),

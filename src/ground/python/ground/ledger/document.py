@@ -6,9 +6,10 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.distributions import normal_limit
+from ground.effect_library.parameters import described
 from ground.ledger import changes
 from ground.ledger.analysed import CHANCE, Analysed, Odd
-from ground.ledger.changes import Change
+from ground.ledger.changes import ParameterChange
 from ground.support.annotations import Document
 
 SCHEMA = "ground/history/1"
@@ -46,14 +47,14 @@ def of(
 def _type(found: Analysed) -> Document:
     """The model of a type, and how its parameters scatter: standard deviations of relative size where the
     parameter has one, else in its unit."""
-    described = {p["name"]: p for p in found.model.core.parameters()}
+    known = described(found.model.core)
     parameters = {}
     for i, name in enumerate(found.free):
         size = abs(found.value(i, float(np.median(found.levels.mean[:, i]))))
         factor = 1.0 if relative(name) else found.scale[i]
         parameters[name] = {
-            "unit": described[name]["unit"],
-            "means": described[name]["doc"],
+            "unit": known[name].unit,
+            "means": known[name].doc,
             "relative": relative(name),
             "size": size,
             "run_scatter": _scatter(factor, found.levels.run[i]),
@@ -105,7 +106,7 @@ def _changes(found: Analysed, runs: Sequence[Document]) -> Iterator[Document]:
         yield {"craft": found.crafts[craft], "type": found.model.name, **_change(found, runs, craft, i, one)}
 
 
-def _change(found: Analysed, runs: Sequence[Document], craft: int, i: int, one: Change) -> Document:
+def _change(found: Analysed, runs: Sequence[Document], craft: int, i: int, one: ParameterChange) -> Document:
     at = found.of(craft, i)
     curve, is_jump = found.curves[at, i], one.kind == changes.JUMP
     first, last = (at[one.at - 1], at[one.at]) if is_jump else (at[0], at[-1])

@@ -15,9 +15,11 @@ import numpy as np
 from ground import _core
 from ground.analysis.likelihood import Likelihood, is_reciprocal
 from ground.analysis.window_error import free_parameters
+from ground.checks import quality, suspicions
+from ground.effect_library.parameters import described
 from ground.models import Model
-from ground.recordings import quality, readers, suspicions
-from ground.recordings.mapping import FieldMapping
+from ground.reading import readers, recorded_files
+from ground.reading.mapping import FieldMapping
 from ground.support import files
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError, sentence
@@ -31,7 +33,7 @@ KEPT = 5  # version of what the cache has
 
 
 @dataclass(frozen=True)
-class Task:
+class EstimateTask:
     """A run to look at, in another process. model: text of the model file; empty: what is recorded with the
     run is wanted, but no estimate."""
 
@@ -69,11 +71,11 @@ def followed(model: Model, wanted: Optional[Sequence[str]] = None) -> Tuple[Mode
     return model, tuple(name for name in known if not wanted or name in wanted)
 
 
-def looked_at(task: Task) -> Document:
+def looked_at(task: EstimateTask) -> Document:
     """What a run recorded, and its estimate if it is wanted, from the cache where they are known. A run that
     cannot be used has the reason under `failed`."""
     try:
-        content = digest_of_files(readers.contents(task.path, task.mapping))
+        content = digest_of_files(recorded_files.contents(task.path, task.mapping))
         parts = [content, repr(task.mapping), task.model, *task.free, task.as_recorded, _core.version, KEPT]
         path = os.path.join(cache_folder(), digest(str(part).encode() for part in parts) + ".json")
         found = kept(path)
@@ -104,7 +106,7 @@ def keep(path: str, found: Document) -> None:
         pass
 
 
-def _computed(task: Task) -> Document:
+def _computed(task: EstimateTask) -> Document:
     """GroundErrors of the run itself become `failed`, which the cache keeps, too."""
     try:
         recording = readers.read(task.path, task.mapping)
@@ -150,5 +152,5 @@ def estimate(run: _core.RunData, model: _core.Model, free: Sequence[str]) -> Doc
 
 def reciprocal(model: _core.Model, names: Sequence[str]) -> Array:
     """Whether the coordinate of a parameter is its reciprocal (flags)."""
-    described = {p["name"]: p for p in model.parameters()}
-    return np.array([is_reciprocal(described[name]) for name in names])
+    known = described(model)
+    return np.array([is_reciprocal(known[name]) for name in names])

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
-from ground.recordings import bags, readers
-from ground.recordings.mapping import FieldMapping
+from ground.reading import recorded_files
+from ground.reading.mapping import FieldMapping
 from ground.support.errors import GroundError, OptionError
 
 EARLIEST = 946684800.0  # 2000-01-01, before which a stamp is no date [s]
@@ -63,11 +63,11 @@ def find(folders: Sequence[str], mapping: FieldMapping) -> Tuple[List[Place], Li
 def _recordings(folder: str, mapping: FieldMapping) -> Iterator[str]:
     """Recordings in a folder, tables only where the mapping is of tables."""
     try:
-        listed = readers.listed([folder], mapping)
+        listed = recorded_files.listed([folder], mapping)
     except GroundError:
         return
     for path in listed:
-        if mapping.of_tables or path != folder or bags.is_bag(path):
+        if mapping.of_tables or path != folder or recorded_files.is_bag(path):
             yield path
 
 

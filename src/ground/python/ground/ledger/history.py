@@ -13,11 +13,11 @@ from typing import Dict, Iterable, List, Optional, Sequence, Tuple, Union
 from ground.data import bag_arguments
 from ground.ledger import analysed, document, estimates, finding, verdicts
 from ground.ledger.analysed import Analysed
-from ground.ledger.estimates import Task
+from ground.ledger.estimates import EstimateTask
 from ground.ledger.finding import Place
 from ground.ledger.result import History, prepare
 from ground.models import Model, ModelLike
-from ground.recordings.mapping import DEFAULT, FieldMapping, load
+from ground.reading.mapping import DEFAULT, FieldMapping, load
 from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Document, Path
@@ -131,7 +131,7 @@ def _looked_at(
     if model is not None:
         extended, free = estimates.followed(Model.of(model), options.free)
         text, stage = extended.format(), FITTING
-    tasks = [Task(path, mapping, options.as_recorded, text, free) for path in paths]
+    tasks = [EstimateTask(path, mapping, options.as_recorded, text, free) for path in paths]
     with work.stage(stage, len(tasks)):
         return list(work.each(Workers(processes=True).map(estimates.looked_at, tasks)))
 

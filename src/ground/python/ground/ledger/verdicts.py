@@ -5,11 +5,12 @@ import os
 from typing import Dict, List, Optional, Sequence
 
 from ground import _core
-from ground.recordings import readers
-from ground.recordings.mapping import FieldMapping
+from ground.reading import readers
+from ground.reading.mapping import FieldMapping
 from ground.support.annotations import Document
 from ground.support.errors import GroundError, sentence
 from ground.support.progress import Work
+from ground.support.public import public
 
 SCHEMA = "ground/diagnosis/"  # begin of the schema's name
 AGAIN = "diagnosing again"  # stage
@@ -56,8 +57,6 @@ def again(
 
 
 def _again(one: Document, runs: Dict[str, List[str]], mapping: FieldMapping) -> Document:
-    import ground
-
     with open(os.path.join(one["folder"], "diagnosis.json")) as file:
         report = json.load(file)
     model, used = report["model"], report["runs"]
@@ -69,7 +68,7 @@ def _again(one: Document, runs: Dict[str, List[str]], mapping: FieldMapping) -> 
         return _cannot("not exactly one of the runs is named %s" % ", ".join(missing))
     try:
         fitted, tested = ([readers.read(runs[n][0], mapping) for n in names] for names in (used["fit"], held))
-        now = ground.diagnose(model, fitted, holdout=tested)
+        now = public("diagnose")(model, fitted, holdout=tested)
     except GroundError as error:
         return _cannot(sentence(error))
     changed = now.verdict != one["verdict"] or sorted(now.effects) != sorted(one["effects"])

@@ -4,11 +4,11 @@ import shlex
 from datetime import date
 from typing import Iterator, List, Optional, Sequence
 
-from ground.analysis.formula_words import quantity, with_interval
 from ground.ledger.changes import FEWEST
 from ground.reports.words import listed
 from ground.support.annotations import Document
 from ground.support.headline import Line
+from ground.support.quantities import quantity, with_interval
 
 SHOWN = 3  # changes in the first lines
 REFITTED = 4  # newest runs that a command names

@@ -27,7 +27,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Source:
+class FrameSource:
     """A connection to a mocap."""
 
     frames: Iterator[Optional[Frame]]  #: as they come; None at least once a second while none comes

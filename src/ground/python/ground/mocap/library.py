@@ -11,7 +11,7 @@ import threading
 import time
 from typing import Any, Dict, Iterator, Optional, Set, Tuple
 
-from ground.mocap.frames import Frame, Pose, Source, pose
+from ground.mocap.frames import Frame, FrameSource, Pose, pose
 from ground.support.errors import GroundError
 
 SYSTEMS = ("vrpn", "vicon", "qualisys")
@@ -25,7 +25,7 @@ ON_OLDER = ", or on Ubuntu 20.04 install ros-noetic-vrpn-client-ros"
 
 
 @contextlib.contextmanager
-def opened(system: str, host: str) -> Iterator[Source]:
+def opened(system: str, host: str) -> Iterator[FrameSource]:
     """A source at a host. GroundError if the library is not installed."""
     try:
         library = importlib.import_module("motioncapture")
@@ -69,7 +69,7 @@ def opened(system: str, host: str) -> Iterator[Source]:
     thread = threading.Thread(target=listen, daemon=True)
     thread.start()
     try:
-        yield Source(frames(), lambda: told[0], lambda: sorted(names))
+        yield FrameSource(frames(), lambda: told[0], lambda: sorted(names))
     finally:
         ends.set()
         thread.join(PATIENCE)

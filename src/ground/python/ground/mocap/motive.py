@@ -7,7 +7,7 @@ import time
 from typing import Dict, Iterator, Optional
 
 from ground.mocap import natnet
-from ground.mocap.frames import Frame, Source, pose
+from ground.mocap.frames import Frame, FrameSource, pose
 from ground.support.errors import GroundError
 
 ASK = 1.0  # time between questions to the server, which also show it that somebody listens [s]
@@ -17,11 +17,11 @@ LARGEST = 65507  # datagram [bytes]
 
 
 @contextlib.contextmanager
-def opened(host: str, command_port: int = natnet.COMMAND_PORT) -> Iterator[Source]:
+def opened(host: str, command_port: int = natnet.COMMAND_PORT) -> Iterator[FrameSource]:
     """A source at a host. GroundError when there is no way to it."""
     motive = Motive(host, command_port)
     try:
-        yield Source(motive.frames(), motive.told, lambda: sorted(motive.names.values()))
+        yield FrameSource(motive.frames(), motive.told, lambda: sorted(motive.names.values()))
     finally:
         motive.close()
 
@@ -140,7 +140,7 @@ class Motive:
             return self._frame(natnet.frame(payload, self._version, self.server.ticks), received)
         return None
 
-    def _frame(self, frame: natnet.Frame, received: float) -> Frame:
+    def _frame(self, frame: natnet.NatNetFrame, received: float) -> Frame:
         """What the mocap saw. Bodies that it lost are not there."""
         if frame.time < self._time - BACK:  # bodies may have other numbers now
             self.names, self._asked = {}, -ASK

@@ -26,7 +26,7 @@ class PacketError(ValueError):
 
 
 @dataclass(frozen=True)
-class Body:
+class RigidBody:
     """A rigid body in a frame."""
 
     number: int  #: its streaming ID
@@ -36,13 +36,13 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Frame:
+class NatNetFrame:
     """What all cameras saw at one instant."""
 
     number: int
     time: float  #: of exposure, by the mocap's clock [s]
     delay: float  #: from then until the frame was sent [s]; 0 where the server does not say it
-    bodies: List[Body]
+    bodies: List[RigidBody]
 
 
 @dataclass(frozen=True)
@@ -140,9 +140,9 @@ def _rest_of_body(reader: "_Reader", version: Version) -> None:
                 reader.text()
 
 
-def frame(payload: bytes, version: Version, ticks: int = 0) -> Frame:
-    """The Frame in a payload of a version. ticks: of the server's clock in a second, 0 if it does not say it.
-    PacketError when the payload does not fit the version."""
+def frame(payload: bytes, version: Version, ticks: int = 0) -> NatNetFrame:
+    """The NatNetFrame in a payload of a version. ticks: of the server's clock in a second, 0 if it does not
+    say it. PacketError when the payload does not fit the version."""
     reader = _Reader(payload)
     sized = version >= (4, 1)
     number = reader.integer()
@@ -172,7 +172,7 @@ def frame(payload: bytes, version: Version, ticks: int = 0) -> Frame:
         raise PacketError("a packet has the time %s" % time)
     if reader.left > MAX_REST:
         raise PacketError("a packet has %d bytes too many for NatNet %d.%d" % (reader.left, *version))
-    return Frame(number, float(time), delay, bodies)
+    return NatNetFrame(number, float(time), delay, bodies)
 
 
 def _each(reader: "_Reader", sized: bool, skip: Callable[[], object]) -> None:
@@ -185,7 +185,7 @@ def _each(reader: "_Reader", sized: bool, skip: Callable[[], object]) -> None:
         skip()
 
 
-def _body(reader: "_Reader", version: Version) -> Body:
+def _body(reader: "_Reader", version: Version) -> RigidBody:
     number, *pose = reader.take("<i7f")
     if version < (3, 0):
         count = reader.count()
@@ -195,7 +195,7 @@ def _body(reader: "_Reader", version: Version) -> Body:
     if version >= (2, 6):
         valid = bool(reader.take("<h")[0] & VALID)
     x, y, z, qx, qy, qz, qw = map(float, pose)
-    return Body(int(number), (x, y, z), (qx, qy, qz, qw), valid)
+    return RigidBody(int(number), (x, y, z), (qx, qy, qz, qw), valid)
 
 
 def _set_of_markers(reader: "_Reader") -> None:

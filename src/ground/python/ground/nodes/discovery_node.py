@@ -16,8 +16,8 @@ from visualization_msgs.msg import MarkerArray
 
 from ground import _core
 from ground.discovery import page, words
-from ground.discovery.campaign import Discovery
-from ground.discovery.flights import Settings
+from ground.discovery.campaign import FlightCampaign
+from ground.discovery.flights import CampaignSettings
 from ground.discovery.story import Story
 from ground.nodes import discovery_markers, discovery_messages
 from ground.nodes.flying_laboratory import Ended, FlyingLaboratory
@@ -48,10 +48,10 @@ class DiscoveryNode:
         self._markers = rospy.Publisher("~markers", MarkerArray, queue_size=1, latch=True)
         self._publishing = threading.Lock()
         self._model = _core.load_model(_required("model"))
-        self._settings = Settings(
-            budget=_number("budget", Settings.budget),
-            track=bool(rospy.get_param("~track", Settings.track)),
-            seed=int(_number("seed", Settings.seed)),
+        self._settings = CampaignSettings(
+            budget=_number("budget", CampaignSettings.budget),
+            track=bool(rospy.get_param("~track", CampaignSettings.track)),
+            seed=int(_number("seed", CampaignSettings.seed)),
         )
         self._folder = _folder(str(rospy.get_param("~folder", "")))
         room = _core.load_room(_required("room"))
@@ -61,7 +61,7 @@ class DiscoveryNode:
         self._laboratory = FlyingLaboratory(
             room, self._folder, recorder, track, patience, self._wait_for, self._stopped, simulated
         )
-        self._discovery: Optional[Discovery] = None
+        self._discovery: Optional[FlightCampaign] = None
         self._teller = words.Teller(_log, self._model)
         self._story = Story(self._model.name, room.name, self._settings.budget, activity=PREPARES)
         self._waits = ""  # what the laboratory waits for
@@ -93,7 +93,7 @@ class DiscoveryNode:
     def _run(self) -> None:
         _yield_to_other_nodes()
         try:
-            self._discovery = Discovery(
+            self._discovery = FlightCampaign(
                 self._model,
                 self._laboratory,
                 self._settings,

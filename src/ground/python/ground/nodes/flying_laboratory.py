@@ -15,12 +15,13 @@ from ground_msgs.srv import LoadModel
 from std_srvs.srv import SetBool, Trigger
 
 from ground import _core
+from ground.analysis import tracks
 from ground.discovery import simulated, tracking
 from ground.discovery.laboratory import Landed, lifted
 from ground.discovery.story import GIVEN, Flight, Point
 from ground.nodes import live_parameters
 from ground.nodes.flight_recorder import FlightRecorder
-from ground.recordings import readers, tracks
+from ground.reading import readers
 from ground.support import files
 from ground.support.annotations import Array, Message, Say
 from ground.support.errors import GroundError

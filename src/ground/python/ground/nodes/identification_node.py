@@ -27,7 +27,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from ground.diagnosing import answer
-from ground.recordings import messages, readers
+from ground.reading import messages, recorded_files
 from ground.reports.words import prediction
 from ground.support import files
 from ground.support.annotations import Document, Message
@@ -199,7 +199,7 @@ class IdentificationNode:
             self.live.write(path, request.last)
             return [path]
         paths = [os.path.expanduser(path) for path in request.bags or [self._bag_dir]]
-        return [_existing(path, "bag", os.path.exists) for path in readers.listed(paths)]
+        return [_existing(path, "bag", os.path.exists) for path in recorded_files.listed(paths)]
 
     def _new_folder(self, task: str) -> str:
         stem = os.path.join(self._output, time.strftime("%Y-%m-%d-%H-%M-%S_") + task)

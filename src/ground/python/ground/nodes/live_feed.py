@@ -35,7 +35,7 @@ MODELS = ["model_error", "model_error2"]
 STATUSES = {"controller/status": msg.ControllerStatus, "sender/status": msg.SenderStatus}
 
 
-class History:
+class SignalBuffer:
     """Stamps and numbers of a topic. Columns never change once written, so that readers need no copy."""
 
     def __init__(self, count: int, duration: float) -> None:
@@ -114,14 +114,14 @@ class Feed:
         self.statuses[topic] = (message, time.monotonic())
 
     def samples(self) -> Tuple[float, Dict[str, Array]]:
-        """The newest stamp [s] (infinite before the first), and the samples by topic, as History.since
+        """The newest stamp [s] (infinite before the first), and the samples by topic, as SignalBuffer.since
         has them. They are not copies."""
         with self._lock:
             now = max(history.newest for history in self._histories.values())
             return now, {t: h.since(now - self.duration) for t, h in self._histories.items()}
 
     def _clear(self) -> None:
-        self._histories = {t: History(len(f), self.duration) for t, (_, f) in TOPICS.items()}
+        self._histories = {t: SignalBuffer(len(f), self.duration) for t, (_, f) in TOPICS.items()}
 
 
 def _number(message: Message, field: str) -> float:

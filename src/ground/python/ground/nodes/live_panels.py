@@ -13,7 +13,7 @@ PALE = "50"  # opacity of samples under a smoothed line, hexadecimal
 
 
 @dataclass(frozen=True)
-class Curve:
+class PlottedCurve:
     """A field of a topic, or the tracking error."""
 
     topic: str
@@ -32,15 +32,15 @@ class Panel:
 
     title: str
     axis: str  # quantity and unit
-    curves: Sequence[Curve]
+    curves: Sequence[PlottedCurve]
     shown: Tuple[float, float] = (0.0, 0.0)  # what the axis always shows, in its unit
     scale: float = 1.0  # from the messages' unit to the axis's
     least: float = 0.0  # smallest span of the axis, in its unit
 
 
-def _by_models(field: str, *labels: str, smooth: bool = True) -> List[Curve]:
+def _by_models(field: str, *labels: str, smooth: bool = True) -> List[PlottedCurve]:
     return [
-        Curve(topic, field, label, appearance.model_color(i), 2.0 if label else 1.0, smooth)
+        PlottedCurve(topic, field, label, appearance.model_color(i), 2.0 if label else 1.0, smooth)
         for i, (topic, label) in enumerate(zip(MODELS, labels))
     ]
 
@@ -48,7 +48,7 @@ def _by_models(field: str, *labels: str, smooth: bool = True) -> List[Curve]:
 def _velocity(index: int, least: float) -> Panel:
     _, name, unit = appearance.CHANNELS[index]
     field = "nu[%d]" % index
-    curves = [Curve("state", field, "measured", appearance.MEASURED, 2.0, True)]
+    curves = [PlottedCurve("state", field, "measured", appearance.MEASURED, 2.0, True)]
     curves += _by_models(field, "predicted by {model}", "by {model}")
     shown = (math.inf, -math.inf)
     return Panel(name, "%s [%s]" % (name.split()[-1], unit), curves, shown, least=least)
@@ -56,7 +56,7 @@ def _velocity(index: int, least: float) -> Panel:
 
 def _off(what: str, axis: str, now: str, least: float, scale: float) -> Panel:
     """How far predictions are off, with the noise floor; in the axis's unit."""
-    noise = Curve(MODELS[0], what + "_noise", "noise alone", FLOOR, 2.0)
+    noise = PlottedCurve(MODELS[0], what + "_noise", "noise alone", FLOOR, 2.0)
     pale = [replace(c, color=c.color + PALE) for c in _by_models(now, "", "", smooth=False)]
     curves = [*pale, noise, *_by_models(what + "_error", "{model}", "{model}", smooth=False)]
     return Panel("prediction off in " + what, axis, curves, (0.0, least), scale)
@@ -64,8 +64,8 @@ def _off(what: str, axis: str, now: str, least: float, scale: float) -> Panel:
 
 def _input(field: str, title: str, color: str) -> Panel:
     curves = [
-        Curve("controls", field, "sent", color, 3.0),
-        Curve("controls/wanted", field, "wanted by the controller", WANTED, fitted=False),
+        PlottedCurve("controls", field, "sent", color, 3.0),
+        PlottedCurve("controls/wanted", field, "wanted by the controller", WANTED, fitted=False),
     ]
     return Panel(title, "input [0..1]", curves, (0.0, 1.0))
 
@@ -74,16 +74,16 @@ def _missing(title: str, axis: str, least: float, **labels: str) -> Panel:
     """Components of the missing wrench between their noise; labels: by index after an underscore."""
     colors = dict(zip(labels, (appearance.MISSING, appearance.MODELS[1])))
     curves = [
-        Curve("model_error", "wrench[%s]" % name[1:], label, colors[name], 2.0, True)
+        PlottedCurve("model_error", "wrench[%s]" % name[1:], label, colors[name], 2.0, True)
         for name, label in labels.items()
     ]
     field = "wrench_noise[%s]" % list(labels)[0][1:]
     ends = (("noise alone", 2.0), ("", -2.0))
-    noise = [Curve("model_error", field, label, FLOOR, factor=factor) for label, factor in ends]
+    noise = [PlottedCurve("model_error", field, label, FLOOR, factor=factor) for label, factor in ends]
     return Panel(title + " missing in {model}", axis, noise + curves, (0.0, 0.0), 1e3, least)
 
 
-_DISTANCE = [Curve(TRACKING, "", "", appearance.MEASURED)]
+_DISTANCE = [PlottedCurve(TRACKING, "", "", appearance.MEASURED)]
 COLUMNS = [
     [
         _velocity(0, 0.1),

@@ -23,7 +23,7 @@ KINDS: Dict[str, Callable[[str], Value]] = {"double": float, "int": int, "str": 
 
 
 @dataclass
-class Parameter:
+class LiveParameter:
     """One parameter of a node."""
 
     name: str
@@ -64,7 +64,7 @@ class Node:
             )
         self.parameters = [_parameter(p) for p in described]
 
-    def parameter(self, name: str) -> Parameter:
+    def parameter(self, name: str) -> LiveParameter:
         """The parameter of that name; GroundError when the node has none."""
         for p in self.parameters:
             if p.name == name:
@@ -122,11 +122,11 @@ def names() -> List[str]:
         raise GroundError(str(error))
 
 
-def _parameter(described: Mapping[str, Any]) -> Parameter:
+def _parameter(described: Mapping[str, Any]) -> LiveParameter:
     edit = described["edit_method"]
     choices = [e["value"] for e in ast.literal_eval(edit)["enum"]] if edit else None
     name, kind, text, low, high = (described[k] for k in ("name", "type", "description", "min", "max"))
-    return Parameter(name, kind, text, low, high, choices)
+    return LiveParameter(name, kind, text, low, high, choices)
 
 
 def shown(value: Value) -> str:
@@ -134,7 +134,7 @@ def shown(value: Value) -> str:
     return "%.6g" % value if isinstance(value, float) else str(value)
 
 
-def range_of(parameter: Parameter) -> str:
+def range_of(parameter: LiveParameter) -> str:
     """The values that a parameter may have, in words."""
     if parameter.choices:
         return ", ".join(map(str, parameter.choices))

@@ -14,7 +14,7 @@ import rospy
 from PyQt5 import QtCore, QtGui, QtWidgets
 
 from ground.nodes.live_feed import EXPECTED, MODELS, STATUSES, TOPICS, Feed, smoothed, tracking_error
-from ground.nodes.live_panels import COLUMNS, PALE, TRACKING, Curve, Panel
+from ground.nodes.live_panels import COLUMNS, PALE, TRACKING, Panel, PlottedCurve
 from ground.reports import appearance
 from ground.support import files
 from ground.support.annotations import Array, Message
@@ -70,7 +70,7 @@ class Diagram:
         pen = pg.mkPen(color, width=width)
         return self.plot.plot(pen=pen, connect="finite", autoDownsample=True, downsampleMethod="peak")
 
-    def _raw(self, curve: Curve) -> Optional[pg.PlotDataItem]:
+    def _raw(self, curve: PlottedCurve) -> Optional[pg.PlotDataItem]:
         return self._line(curve.color + PALE, 1.0) if curve.smooth else None
 
     def home(self) -> None:

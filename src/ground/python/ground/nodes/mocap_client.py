@@ -15,7 +15,7 @@ from ground_msgs.msg import MocapFrame
 
 from ground.mocap import library, motive
 from ground.mocap.clock import Follower, Sighting
-from ground.mocap.frames import Source
+from ground.mocap.frames import FrameSource
 from ground.support.annotations import Message
 from ground.support.errors import GroundError
 
@@ -28,7 +28,7 @@ SWITCH = 1e-4  # longest time for which the thread that sends a pose waits for t
 QUEUE = 10  # messages that wait for a slow subscriber
 
 
-def opened(system: str, host: str) -> ContextManager[Source]:
+def opened(system: str, host: str) -> ContextManager[FrameSource]:
     """A source of a system at a host. GroundError if it is unknown, or cannot be opened."""
     if system not in SYSTEMS:
         raise GroundError("there is no mocap %s: it must be one of %s" % (system, ", ".join(SYSTEMS)))

@@ -31,7 +31,7 @@ BLUR = 0.02  # standard deviation of T by filter, latency and the packets' perio
 
 
 @dataclass(frozen=True)
-class Trial:
+class StopTrial:
     """What was measured, on one clock.
 
     Parameters
@@ -49,7 +49,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class StopVerdict:
     """What a trial shows; numbers are None where they are unknown.
 
     stopped_after: from the last packet to the beginning of braking, with its 95% `uncertainty` [s]
@@ -80,16 +80,16 @@ class Break:
         return self.braking >= MIN_BRAKING and self.loss >= MIN_LOSS
 
 
-def judge(trial: Trial) -> Verdict:
-    """The Verdict on a Trial."""
+def judge(trial: StopTrial) -> StopVerdict:
+    """The StopVerdict on a Trial."""
     silence = trial.silence_end - trial.last_packet
     wrong = _unusable(trial)
     if wrong:
-        return Verdict(UNDECIDED, wrong)
+        return StopVerdict(UNDECIDED, wrong)
     t = trial.times - trial.last_packet
     speed = float(np.median(trial.speeds[(t > -0.1) & (t <= 0)]))
     if speed < MIN_SPEED:
-        return Verdict(
+        return StopVerdict(
             UNDECIDED,
             "it moved at %.2f m/s only at the last packet, %.2f m/s are needed: give more thrust, "
             "thrust time or lift" % (speed, MIN_SPEED),
@@ -102,7 +102,7 @@ def judge(trial: Trial) -> Verdict:
     return _went_on(trial, found, control, speed)
 
 
-def _braked(trial: Trial, found: Break, speed: float) -> Verdict:
+def _braked(trial: StopTrial, found: Break, speed: float) -> StopVerdict:
     uncertainty = 1.96 * float(np.hypot(found.deviation, BLUR))
     numbers = dict(stopped_after=found.time, uncertainty=uncertainty, braking=found.braking, speed=speed)
     silence = trial.silence_end - trial.last_packet
@@ -116,25 +116,25 @@ def _braked(trial: Trial, found: Break, speed: float) -> Verdict:
         ),
     ):
         if wrong:
-            return Verdict(UNDECIDED, why, **numbers)
+            return StopVerdict(UNDECIDED, why, **numbers)
     reason = "it stopped by itself %.2f s (+- %.2f s) after the last packet, braking by %.1f m/s^2"
     reason %= (max(0.0, found.time), uncertainty, found.braking)
-    return Verdict(PASSED, reason, **numbers)
+    return StopVerdict(PASSED, reason, **numbers)
 
 
-def _went_on(trial: Trial, found: Break, control: Break, speed: float) -> Verdict:
+def _went_on(trial: StopTrial, found: Break, control: Break, speed: float) -> StopVerdict:
     t = trial.times - trial.silence_end
     end = float(np.median(trial.speeds[(t > -0.1) & (t <= 0)]))
     silence = trial.silence_end - trial.last_packet
     if not control.brakes:
         why = "neither the silence nor the zeros after it braked it: braking cannot be seen here"
-        return Verdict(UNDECIDED, why, speed=speed)
+        return StopVerdict(UNDECIDED, why, speed=speed)
     if control.time < -1.96 * np.hypot(control.deviation, BLUR):
         why = "it began to brake when the silence ended; try a longer silence"
-        return Verdict(UNDECIDED, why, speed=speed)
+        return StopVerdict(UNDECIDED, why, speed=speed)
     if end < 0.5 * speed:
         why = "it slowed down from %.2f to %.2f m/s, but not as a craft that brakes"
-        return Verdict(UNDECIDED, why % (speed, end), speed=speed)
+        return StopVerdict(UNDECIDED, why % (speed, end), speed=speed)
     # The slope of a speed that levels off is that of its steep begin; gliding gains nothing anyhow.
     how = "driven on by its thrust"
     if end < speed + min(0.5 * found.slope * silence, MIN_LOSS):
@@ -142,10 +142,10 @@ def _went_on(trial: Trial, found: Break, control: Break, speed: float) -> Verdic
     reason = "it went on for all the %.1f s of silence, %s (%.2f m/s, then %.2f m/s), and braked %.2f s "
     reason += "after the first zero"
     reason %= (silence, how, speed, end, max(0.0, control.time))
-    return Verdict(FAILED, reason, speed=speed)
+    return StopVerdict(FAILED, reason, speed=speed)
 
 
-def _unusable(trial: Trial) -> str:
+def _unusable(trial: StopTrial) -> str:
     """Why a trial cannot be judged; empty when it can."""
     silence = trial.silence_end - trial.last_packet
     if silence < 0.5:

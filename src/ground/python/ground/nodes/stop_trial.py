@@ -67,7 +67,7 @@ class Stack:
         self.silence = _service("sender/silence", Silence)
         self.arm = _service("sender/arm", SetBool)
 
-    def try_stop(self, push: Push, patience: float, say: Say = print) -> Tuple[own_stop.Trial, str]:
+    def try_stop(self, push: Push, patience: float, say: Say = print) -> Tuple[own_stop.StopTrial, str]:
         """Waits until the sender is armed, pushes the craft and is silent. Returns the Trial and the
         sender's reason for the end of the silence."""
         with self._loaded(push):
@@ -128,7 +128,7 @@ class Stack:
                 "/controller/stop), let it come to rest, and try again" % speed
             )
 
-    def _push(self, push: Push, say: Say) -> Tuple[own_stop.Trial, str]:
+    def _push(self, push: Push, say: Say) -> Tuple[own_stop.StopTrial, str]:
         del self.states[:]
         answer = _service(DRIVE + "/start", Trigger)()
         if not answer.success:
@@ -170,10 +170,10 @@ class Stack:
         running = [s for s in list(self.drive) if s.state == ControllerStatus.RUNNING]
         return float((rospy.Time.now() - running[0].header.stamp).to_sec()) if running else 0.0
 
-    def _trial(self, began: rospy.Time, end: SenderStatus) -> own_stop.Trial:
+    def _trial(self, began: rospy.Time, end: SenderStatus) -> own_stop.StopTrial:
         zero = began.to_sec() - 100.0  # smaller numbers keep more digits of a fraction
         states = list(self.states)
-        return own_stop.Trial(
+        return own_stop.StopTrial(
             times=np.array([s.header.stamp.to_sec() - zero for s in states]),
             speeds=np.array([math.hypot(s.nu[0], s.nu[1]) for s in states]),
             valid=np.array([s.valid for s in states], bool),
@@ -182,10 +182,10 @@ class Stack:
         )
 
 
-def verdict_of(trial: own_stop.Trial, ended: str) -> own_stop.Verdict:
+def verdict_of(trial: own_stop.StopTrial, ended: str) -> own_stop.StopVerdict:
     """The Verdict on a trial; ended: the sender's reason for the end of the silence."""
     if ended != AFTER_SILENCE:
-        return own_stop.Verdict(own_stop.UNDECIDED, "the silence was cut short: %s" % ended)
+        return own_stop.StopVerdict(own_stop.UNDECIDED, "the silence was cut short: %s" % ended)
     return own_stop.judge(trial)
 
 

@@ -5,7 +5,7 @@ from typing import List, Tuple
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench
-from ground.recordings.recording import unit
+from ground.reading.recording import unit
 from ground.reports.words import number, off
 from ground.support.annotations import Document
 

@@ -4,7 +4,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import scatter
+from ground.poses import scatter
 from ground.reports.appearance import model_line, model_mark, thruster_line, transparent
 from ground.reports.panels import Panels
 from ground.support.annotations import Array, Document

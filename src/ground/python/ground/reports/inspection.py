@@ -4,10 +4,10 @@ from typing import Dict, List, Mapping, NamedTuple, Optional
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench, residuals
-from ground.analysis.formula_words import quantity
 from ground.reports import appearance
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
+from ground.support.errors import core_error
+from ground.support.quantities import quantity
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 CHANNELS = {"ahead": "X", "starboard": "Y", "heading": "N"}  # of the wrench, by channel of the residuals
@@ -27,7 +27,7 @@ def inspect(run: _core.RunData, model: _core.Model, label: str, role: str = "fit
         correlation = residuals.analyse(calm.run, model, calm.box, calm.white)
         missing = missing_wrench.of_wrench(calm, model)
     except (ValueError, RuntimeError) as error:
-        raise GroundError("%s with %s: %s" % (run.name, label, error))
+        raise core_error(error, "%s with %s" % (run.name, label))
     numbers = comparison.numbers([evaluation])
     left_out = _left_out(missing.numbers["disturbances"])
     said = [

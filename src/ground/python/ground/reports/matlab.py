@@ -7,8 +7,9 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import comparison
+from ground.effect_library.parameters import described
 from ground.models import Model
-from ground.recordings import headings
+from ground.poses import headings
 from ground.support import files
 from ground.support.annotations import Document, Path
 
@@ -65,15 +66,14 @@ def _parameters(label: str, model: Model) -> List[Document]:
     return [
         {
             "model": label,
-            "name": p["name"],
-            "value": model[p["name"]],
-            "unit": p["unit"],
-            "meaning": p["doc"],
-            "ci95": np.array([provenance.confidence_95.get(p["name"], (np.nan, np.nan))]),
-            "identified": p["name"] in provenance.confidence_95
-            and p["name"] not in provenance.not_identified,
+            "name": p.name,
+            "value": model[p.name],
+            "unit": p.unit,
+            "meaning": p.doc,
+            "ci95": np.array([provenance.confidence_95.get(p.name, (np.nan, np.nan))]),
+            "identified": p.name in provenance.confidence_95 and p.name not in provenance.not_identified,
         }
-        for p in model.core.parameters()
+        for p in described(model.core).values()
     ]
 
 

@@ -4,7 +4,7 @@ from typing import Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings.recording import POSE, UNITS, VELOCITY, Recording
+from ground.reading.recording import POSE, UNITS, VELOCITY, Recording
 from ground.reports.appearance import CHANNELS, MEASURED, MODELS, TEXT, thruster_line
 from ground.reports.figure_parts import (
     TIME,

@@ -3,7 +3,7 @@
 from typing import List, Mapping, Sequence
 
 from ground.analysis import bands as bands_of
-from ground.recordings import findings
+from ground.checks import findings
 from ground.reports import appearance, figures, wrench_figures
 from ground.reports.words import number
 from ground.support.annotations import Document

@@ -4,7 +4,7 @@ from typing import Any, List, Mapping, Optional, Tuple
 
 import numpy as np
 
-from ground.recordings.tracks import Track
+from ground.analysis.tracks import Track
 from ground.reports.appearance import MEASURED, MODELS, REFERENCE, thruster_line, transparent
 from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, note, points, walls
 from ground.reports.panels import Panels

@@ -7,7 +7,7 @@ from typing import Any, Callable, Dict
 from ground.comparing.result import Comparison
 from ground.control.track import SCHEMA as TRACKING
 from ground.control.track import Tracking
-from ground.data.measured import read
+from ground.data.read import read
 from ground.diagnosing.result import Diagnosis
 from ground.discovery.discover import Discovery
 from ground.ledger.result import History

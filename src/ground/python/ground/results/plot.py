@@ -21,7 +21,7 @@ from ground.discovery.discover import Discovery
 from ground.fitting.result import Fit
 from ground.ledger import figures as history_figures
 from ground.ledger.result import History
-from ground.recordings.recording import VELOCITY, Recording
+from ground.reading.recording import VELOCITY, Recording
 from ground.reports import figures, run_figures, tracking_figures, wrench_figures
 from ground.support.annotations import Document
 from ground.support.errors import GroundError

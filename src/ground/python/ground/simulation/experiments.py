@@ -12,7 +12,7 @@ import numpy as np
 from ground import _core
 from ground.simulation.simulated_run import SimulatedRun
 from ground.support.annotations import Array, Document
-from ground.support.errors import GroundError, core_errors
+from ground.support.errors import GroundError, core_error, core_errors
 
 START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # time recorded at rest, before the lift is on [s]
@@ -136,7 +136,7 @@ def simulate(
             battery,
         )
     except RuntimeError as error:
-        raise GroundError("%s: %s" % (name, error))
+        raise core_error(error, name)
     delivered, frames = len(log["frames"]), len(log["truth"])
     if delivered < 2:
         raise GroundError(

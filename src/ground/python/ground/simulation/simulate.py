@@ -14,8 +14,8 @@ import numpy as np
 
 from ground import _core
 from ground.models import Model, ModelLike, Room, RoomLike
-from ground.recordings import run_settings
-from ground.recordings.run_settings import AXES
+from ground.reading import run_settings
+from ground.reading.run_settings import AXES
 from ground.simulation import array_inputs, experiments, gains, listing
 from ground.simulation import tracking as loop
 from ground.simulation.simulated_run import SimulatedRun

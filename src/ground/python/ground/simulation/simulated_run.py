@@ -12,12 +12,12 @@ from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import messages
-from ground.recordings.battery import Voltage
-from ground.recordings.commands import CHANNELS
-from ground.recordings.inertial import Samples
-from ground.recordings.recording import Recording
-from ground.recordings.run_settings import AXES
+from ground.poses.inertial import InertialSamples
+from ground.reading import messages
+from ground.reading.battery import Voltage
+from ground.reading.commands import CHANNELS
+from ground.reading.recording import Recording
+from ground.reading.run_settings import AXES
 from ground.support import files
 from ground.support.annotations import Array, Message, Path, Time
 from ground.support.origin import digest_of_files
@@ -106,7 +106,9 @@ class SimulatedRun(Recording):
     def sensed(self, seed: int) -> "SimulatedRun":
         """The same with samples of the craft's gyro and accelerometer at each frame of the mocap."""
         rows = _core.sense(self.truth_nu, self.truth_nu_dot, seed)
-        return replace(self, inertial=Samples(self.truth_times + SENSED, rows[:, 0], rows[:, 1:], TELLS))
+        return replace(
+            self, inertial=InertialSamples(self.truth_times + SENSED, rows[:, 0], rows[:, 1:], TELLS)
+        )
 
     def with_voltage(self, volts: Array, seed: int) -> "SimulatedRun":
         """The same with the voltage of the battery (k,) [V], as it was at each frame of the mocap, and as the

@@ -6,12 +6,12 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from ground import _core
-from ground.recordings import tracks
-from ground.recordings.tracks import Track
+from ground.analysis import tracks
+from ground.analysis.tracks import Track
 from ground.simulation import gains
 from ground.simulation.laws import CheckedLaw
 from ground.support.annotations import Array, Document
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, core_error
 from ground.support.progress import Work
 from ground.support.workers import Workers
 
@@ -37,7 +37,7 @@ Start = Tuple[Array, Array]  # pose x, y [m], psi [rad], and velocity u, v [m/s]
 
 
 @dataclass
-class Task:
+class TrackingTask:
     """A reference and the window in which errors count, [s] since the reference began."""
 
     reference: _core.ReferenceParams
@@ -79,16 +79,18 @@ def reference(kind: str, **settings: Any) -> _core.ReferenceParams:
     return params
 
 
-def task(kind: str, settled: Optional[float] = None, until: Optional[float] = None, **settings: Any) -> Task:
-    """The Task of a reference by its kind, or of a CSV file; the thesis's parameters are the defaults.
-    GroundError as from `reference`."""
+def task(
+    kind: str, settled: Optional[float] = None, until: Optional[float] = None, **settings: Any
+) -> TrackingTask:
+    """The TrackingTask of a reference by its kind, or of a CSV file; the thesis's parameters are the
+    defaults. GroundError as from `reference`."""
     if kind.lower().endswith(".csv"):
         kind, settings = "file", dict(settings, file=kind)
     defaults, window = REFERENCES.get(kind, ({}, None))
     reference_params = reference(kind, **{**defaults, **settings})
     if window is None:
         window = (0.0, reference_params.extent() + 2 * AFTER_STOP)
-    return Task(
+    return TrackingTask(
         reference_params, window[0] if settled is None else settled, window[1] if until is None else until
     )
 
@@ -112,14 +114,14 @@ def run(
     truth: _core.Model,
     believed: _core.Model,
     controller: Controller,
-    task: Task,
+    task: TrackingTask,
     start: Optional[Start] = None,
     conditions: Optional[Conditions] = None,
     seed: int = 1,
     rate: float = 50.0,
     max_error: float = 0.0,
 ) -> Track:
-    """Tracks a Task once with a _core.ControllerChoice that uses the model `believed`, or with a law.
+    """Tracks a TrackingTask once with a _core.ControllerChoice that uses the model `believed`, or with a law.
 
     start: pose x, y [m], psi [rad], world_ned, and velocity u, v [m/s], r [rad/s], body. max_error:
     error beyond which the controller stops itself [m], 0: by the reference's size, inf: never.
@@ -146,7 +148,7 @@ def run(
             truth, believed, params, pose, velocity, mocap, seed, battery=conditions.battery
         )
     except RuntimeError as error:
-        raise GroundError(str(error))
+        raise core_error(error)
     finally:
         if isinstance(controller, CheckedLaw) and controller.failure:
             raise controller.failure
@@ -156,7 +158,7 @@ def run(
     return replace(found, numbers=_numbers(found, task, log))
 
 
-def _track(log: Document, task: Task) -> Track:
+def _track(log: Document, task: TrackingTask) -> Track:
     began = log["references"][0, 0]
     truth, decisions = log["truth"], log["decisions"]
     times = truth[:, 0] - began
@@ -172,7 +174,7 @@ def _track(log: Document, task: Task) -> Track:
     )
 
 
-def _numbers(found: Track, task: Task, log: Document) -> Document:
+def _numbers(found: Track, task: TrackingTask, log: Document) -> Document:
     measured = tracks.summary(found, task.settled)
     numbers = {n: NEVER_SETTLED.get(n) if value is None else value for n, value in measured.items()}
     numbers.update(final=float(found.errors[-1]), stopped=None)
@@ -189,7 +191,7 @@ def many(
     truth: _core.Model,
     believed: _core.Model,
     controller: Controller,
-    task: Task,
+    task: TrackingTask,
     starts: Sequence[Start],
     conditions: Optional[Conditions] = None,
     seed: int = 1,

@@ -58,7 +58,7 @@ class Cell:
 
     reference: str
     condition: str
-    task: tracking.Task
+    task: tracking.TrackingTask
     truth: _core.Model
     conditions: tracking.Conditions
 
@@ -69,7 +69,7 @@ class Cell:
 
 
 @dataclass
-class Candidate:
+class GainTrial:
     """Gains and their results; errors: rms of every start [m], by cell."""
 
     gains: Dict[str, Setting]
@@ -85,7 +85,7 @@ class Candidate:
         return float(10 ** _logs(cells).mean())
 
 
-def cells(tasks: Mapping[str, tracking.Task], truth: _core.Model, delay: float = 0.02) -> List[Cell]:
+def cells(tasks: Mapping[str, tracking.TrackingTask], truth: _core.Model, delay: float = 0.02) -> List[Cell]:
     """Cells of {name: Task}: with the model, with mocap noise and delay, and with a wrong model."""
     wrong = tracking.perturbed(truth, MODEL_ERROR)
     conditions = [
@@ -105,7 +105,7 @@ def _logs(errors: ArrayLike) -> Array:
 
 
 @dataclass
-class Search:
+class GainSearch:
     """Evaluates gains of controllers that use the model `believed`; work: told of each drive."""
 
     workers: Workers
@@ -119,8 +119,8 @@ class Search:
         cells: Sequence[Cell],
         starts: Sequence[tracking.Start],
         seed: int,
-    ) -> List[Candidate]:
-        """A Candidate of every _core.ControllerChoice."""
+    ) -> List[GainTrial]:
+        """A GainTrial of every _core.ControllerChoice."""
 
         def numbers(drive: Tuple[_core.ControllerChoice, Cell, int]) -> Document:
             choice, cell, i = drive
@@ -138,16 +138,16 @@ class Search:
 
     def _candidate(
         self, choice: _core.ControllerChoice, cells: Sequence[Cell], numbers: Sequence[Document]
-    ) -> Candidate:
+    ) -> GainTrial:
         rows = np.array([n["rms"] for n in numbers]).reshape(len(cells), -1).tolist()
         saturated, effort = (
             float(np.mean([n[name] for n in numbers])) for name in ("saturated_fraction", "effort")
         )
-        found = Candidate(choice.values, dict(zip((c.name for c in cells), rows)), saturated, effort)
+        found = GainTrial(choice.values, dict(zip((c.name for c in cells), rows)), saturated, effort)
         found.score = self._score(found)
         return found
 
-    def _score(self, one: Candidate) -> float:
+    def _score(self, one: GainTrial) -> float:
         cells = [cell for cell in one.errors if cell in self.limits]
         worse = [_logs(max(one.errors[cell])) - _logs(self.limits[cell]) + MARGIN for cell in cells]
         return float(
@@ -163,7 +163,7 @@ class Search:
         starts: Sequence[tracking.Start],
         evaluations: int,
         seed: int,
-    ) -> List[Candidate]:
+    ) -> List[GainTrial]:
         """All Candidates that were tried, in order. first: _core.ControllerChoices to start from.
         GroundError when the optimiser is not installed."""
         CMA, kind = _optimizer(), first[0].kind
@@ -209,12 +209,12 @@ class Search:
 
     def choose(
         self,
-        tried: Sequence[Candidate],
+        tried: Sequence[GainTrial],
         kind: str,
         cells: Sequence[Cell],
         starts: Sequence[tracking.Start],
         seed: int,
-    ) -> Candidate:
+    ) -> GainTrial:
         """The best of the finalists on other starts than the search's."""
         finalists = sorted(tried, key=lambda c: c.score)[:FINALISTS]
         choices = [gains.choice(kind, candidate.gains) for candidate in finalists]

@@ -23,6 +23,9 @@ ADVICE = {
     errno.EROFS: "choose another place",
 }
 
+# What the core says of a motion that is not finite, or of a matrix that is made from one
+DIVERGED = ("not finite", "not positive definite")
+
 
 class GroundError(Exception):
     """Something is wrong with the user's files or arguments; the message says what, where and why.
@@ -54,6 +57,11 @@ class OptionError(GroundError):
         self.as_options = text.format(*options, **values)
 
 
+class Diverged(GroundError):
+    """The motion of a model, or what is computed from it, is not finite. A search takes this as an answer and
+    goes on; other errors are the user's to mend."""
+
+
 class GroundWarning(UserWarning):
     """Something that is valid but probably a mistake.
 
@@ -82,13 +90,20 @@ class RecordingWarning(GroundWarning):
     PREFIX = ""
 
 
+def core_error(error: Exception, where: str = "") -> GroundError:
+    """What the core refuses, as Diverged if its text says that something is not finite, else as GroundError.
+    where: begins the message."""
+    text = ": ".join(filter(None, (where, str(error))))
+    return Diverged(text) if any(words in text for words in DIVERGED) else GroundError(text)
+
+
 @contextlib.contextmanager
 def core_errors() -> Iterator[None]:
-    """Raises what the core refuses inside the block as a GroundError."""
+    """Raises what the core refuses inside the block as core_error does."""
     try:
         yield
     except (RuntimeError, ValueError) as error:
-        raise GroundError(str(error)) from error
+        raise core_error(error) from error
 
 
 @contextlib.contextmanager

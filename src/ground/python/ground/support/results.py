@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Collection, Iterator, List, Mapping, Sequ
 
 from ground.support import headline
 from ground.support.headline import Line
+from ground.support.public import public
 
 if TYPE_CHECKING:
     import pandas
@@ -17,9 +18,7 @@ class Plotted:
 
     def plot(self, name: str = "") -> Any:
         """The figure of that name (plotly), or all of them by name; see ground.plot."""
-        import ground
-
-        return ground.plot(self, name)
+        return public("plot")(self, name)
 
 
 class Shown:

@@ -1,0 +1,1 @@
+"""Checks: what looks wrong in recordings, with evidence and remedy."""

@@ -1,0 +1,452 @@
+"""What a recording holds and what is odd in it, as plain values and in words."""
+
+import datetime
+import json
+from typing import Dict, Iterator, List, Sequence, Tuple
+
+import numpy as np
+
+from ground.checks import reply, suspicions
+from ground.checks.quality import SHORTEST, RepairedRun, lifted, same_inputs
+from ground.poses import headings, kinematics, repair, scatter
+from ground.reading import words
+from ground.reading.recording import Recording
+from ground.reading.run_settings import NAMES, RunFile
+from ground.support.annotations import Document
+
+THIS_CENTURY = 946684800.0  # [s] since 1970
+DRIVES_BY = {  # assumptions if no record says when the drive began
+    "first command": "; assumed: the first command has lift, and no record says when it began",
+    "start": "; assumed: no command has lift",
+}
+FEWEST_CHANGES = 20  # changes of the commands that show whether the motion follows them
+CERTAIN = 3.0  # standard errors that an effect of a thruster exceeds
+MAX_NAMED = 4  # gaps and other events that are listed; the rest is counted
+GAP = 6.0  # a longer pause is a gap [usual intervals between poses]
+LATE = 0.05  # a stamp with a larger delay after its frame is late [s]
+EFFECTS = (  # what a thruster does: key, words, unit
+    ("forward", ("pushes forward", "pushes backward"), "m/s2"),
+    ("right", ("pushes to the right", "pushes to the left"), "m/s2"),
+    ("turn", ("turns right", "turns left"), "rad/s2"),
+)
+PAIR = ["left", "right"]  # the thrusters of a usual craft
+MAX_CHANGES = 30  # live changes that are listed; the rest is counted
+
+
+def describe(runs: Sequence[RepairedRun]) -> List[Document]:
+    """`described` of runs, with the runs that have the same inputs."""
+    pairs = same_inputs(runs)
+    found = [described(run) for run in runs]
+    for d in found:
+        d["same_inputs_as"] = [b if a == d["name"] else a for a, b in pairs if d["name"] in (a, b)]
+    return found
+
+
+def described(run: RepairedRun) -> Document:
+    """What a run holds and what is odd in it, as plain values; times are on the run's clock [s]."""
+    recording = run.recording
+    stamps, controls = recording.pose_times, recording.control_times
+    times = run.motion.times - run.zero
+    grounded = (times > run.active[0]) & (times < run.active[1])
+    grounded &= ~lifted(recording, run.motion.times)
+    return {
+        "name": recording.name,
+        "source": recording.source,
+        "settings": recording.settings.describe(run.zero),
+        "flown_by": recording.flown_by,
+        "files": {kind: file.describe() for kind, file in recording.files.items()},
+        "changes": [change.describe(run.zero) for change in recording.changes],
+        "begins": float(stamps.min()),
+        "warnings": recording.warnings,
+        "duration": float(max(stamps.max(), controls[-1]) - min(stamps.min(), controls[0])),
+        "usable": {
+            "duration": run.usable(),
+            "of": float(run.end),
+            "spans": [list(span) for span in run.spans],
+        },
+        "rest": float(run.active[0]),
+        "rest_at_end": float(run.end - run.active[1]),
+        "without_lift": [
+            {"start": float(times[s[0]]), "end": float(times[s[-1]])}
+            for s in kinematics.stretches(times, grounded, run.motion.scales.max_gap)
+        ],
+        "drives": {"begin": [float(t) for t in run.drives], "by": run.drives_by},
+        "poses": _poses_of(run),
+        "controls": _controls_of(run),
+        "authority": {} if list(recording.thrusters) == PAIR else reply.authorities(recording),
+        "clock_offset": float(recording.clock_offset),
+        "reply": run.reply,
+        "inertial": None if run.inertial is None else run.inertial.describe(),
+        "silent": [{"start": a, "end": b} for a, b in run.silent],
+        "frozen": [{"start": a, "end": b} for a, b in run.frozen],
+        "steps": [{"start": t, "end": t} for t in run.steps],
+        "breaks": run.breaks,
+        "unexplained": run.unexplained,
+        "battery": None if recording.voltage is None else recording.voltage.describe(run.zero),
+        "contacts": [{"start": float(a), "end": float(b)} for a, b in run.contacts],
+        "repairs": run.motion.repairs,
+        "suspicions": [one.describe() for one in suspicions.of(recording)],
+    }
+
+
+def with_suspicions(
+    described_runs: Sequence[Document], every: Sequence[suspicions.Suspicion]
+) -> List[Document]:
+    """Described runs with those of the Suspicions of a craft that are about one run alone."""
+    return [
+        dict(d, suspicions=[one.describe() for one in every if one.runs == (d["name"],)])
+        for d in described_runs
+    ]
+
+
+def _poses_of(run: RepairedRun) -> Document:
+    """Contents of `info` on the poses."""
+    recording, motion = run.recording, run.motion
+    stamps = recording.pose_times
+    steps = np.diff(np.sort(stamps))
+    usual = scatter.interval(motion.times)
+    third = scatter.third_differences(motion.times, motion.measured)
+    intervals = np.diff(motion.times)
+    poses: Document = {
+        "count": len(stamps),
+        "rate": float((len(stamps) - 1) / (stamps.max() - stamps.min())),
+        "noise": {
+            "position": motion.noise[0],
+            "heading": motion.noise[1],
+            "given": recording.noise is not None,
+        },
+        "third_differences": None
+        if third is None
+        else {"position": float(np.hypot(*third[:2]) / np.sqrt(2)), "heading": float(third[2])},
+        "interval": usual,
+        "held": motion.repairs["positions held between fixes left out"],
+        "gaps": [
+            {"start": float(t - run.zero), "length": float(d)}
+            for t, d in zip(motion.times[:-1], intervals)
+            if d > GAP * usual
+        ],
+        "duplicate_stamps": int((steps == 0).sum()),
+        "stamps_out_of_order": int((np.diff(stamps) < 0).sum()),
+        "bursts": int((steps < repair.APART * usual).sum()),
+        "heading_wraps": int((np.abs(np.diff(headings.wrap(motion.measured[:, 2]))) > np.pi).sum()),
+        "mirrored_headings": motion.repairs["headings mirrored back"],
+        "heading_steps": [{"time": float(t - run.zero), "angle": angle} for t, angle in motion.heading_steps],
+        "frozen": motion.repairs["frozen poses dropped"],
+        "overtaken": motion.repairs["poses that overtook each other put in order"],
+        "spikes": [float(t - run.zero) for t in motion.spikes],
+    }
+    clock = motion.clock
+    if clock is not None:
+        late = clock.lateness
+        lateness = {"median": float(np.median(late)), "largest": float(late.max())}
+        lateness["above_50_ms"] = int((late > LATE).sum())
+        poses["frame_clock"] = {"rate": clock.rate, "lost": clock.lost, "lateness": lateness}
+    return poses
+
+
+def _controls_of(run: RepairedRun) -> Document:
+    """Contents of `info` on the commands."""
+    recording, motion = run.recording, run.motion
+    controls, thrust = recording.control_times, recording.thrust
+    changes = (np.abs(np.diff(thrust, axis=0)) > 1e-6).any(axis=1)
+    return {
+        "count": len(controls),
+        "rate": float((len(controls) - 1) / (controls[-1] - controls[0])),
+        "changes": int(changes.sum()),
+        "channels": list(recording.channels),
+        "thrusters": list(recording.thrusters),
+        "levels": [float(f(thrust)) for f in (np.min, np.max)],
+        "lift": [float(f(recording.lift)) for f in (np.min, np.max)],
+        "start_after_poses": float(controls[0] - motion.times[0]),
+        "end_after_poses": float(controls[-1] - motion.times[-1]),
+    }
+
+
+def when(d: Document) -> str:
+    """When a recording begins, by its stamps."""
+    if d["begins"] < THIS_CENTURY:
+        return "from %.2f s on of a simulated clock" % d["begins"]
+    moment = datetime.datetime.fromtimestamp(d["begins"], datetime.timezone.utc)
+    return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _flown_by(kind: str, name: str, d: Document) -> str:
+    """A name, and the title of the file that was kept with the run."""
+    kept = d["files"].get(kind)
+    return "%s %s" % (kind, name) + (" ('%s', kept with the run)" % kept["title"] if kept else "")
+
+
+def facts(d: Document) -> Iterator[Tuple[str, str]]:
+    """Name and text of what a recording holds; d: of `described`."""
+    poses, controls, usable = d["poses"], d["controls"], d["usable"]
+    yield "recorded", when(d)
+    yield "source", d["source"]
+    yield "measured", _measured(d["settings"])
+    if d["flown_by"]:
+        yield "flown by", ", ".join(_flown_by(kind, name, d) for kind, name in d["flown_by"].items())
+    spans = ", ".join("%.2f to %.2f" % tuple(span) for span in usable["spans"]) or "nothing"
+    yield "usable", "%.2f of %.2f s: %s" % (usable["duration"], d["duration"], spans)
+    noise = 1e3 * poses["noise"]["position"], 1e3 * poses["noise"]["heading"]
+    mm, mrad = ("%.2f", "%.1f") if noise[0] >= 0.1 and noise[1] >= 1 else ("%.2g", "%.2g")
+    text = "%d at %.1f Hz, noise " % (poses["count"], poses["rate"]) + (mm + " mm, " + mrad + " mrad") % noise
+    yield "poses", text + (" (as given)" if poses["noise"]["given"] else "")
+    thrusters = controls["thrusters"]
+    names = "thrusters" if thrusters == PAIR else ", ".join(thrusters)
+    text = "%(count)d at %(rate).1f Hz, %(changes)d changes, " % controls
+    text += "%s %g to %g" % (names, *controls["levels"])
+    has_lift = len(thrusters) < len(controls["channels"])
+    yield "commands", text + (", lift %g to %g" % tuple(controls["lift"]) if has_lift else "")
+    starts = (
+        "from %.2f s on" % t if t >= 0 else "began %.2f s before the run" % -t for t in d["drives"]["begin"]
+    )
+    yield "drive", ", ".join(starts) + (DRIVES_BY.get(d["drives"]["by"], "") if has_lift else "")
+    if d["reply"]:
+        lag, doubts = 1e3 * d["reply"]["lag"], {one["kind"] for one in d["suspicions"]}
+        before = "the motion comes %.0f ms before its command" if doubts & {"clock", "missing"} else ""
+        before = before or "the craft reacts within %.0f ms of a command"
+        text = ("the craft reacts %.0f ms after a command" if lag >= 0 else before) % abs(lag)
+        slow = "the craft follows its commands, too slowly for poses with this noise to show its delay"
+        yield "reply", slow if d["reply"]["slow"] else text
+    if d["inertial"]:
+        yield "sensors", _sensors(d["inertial"], poses)
+    if d["inertial"] and d["inertial"]["noise"]:
+        yield "imu", _mounting(d["inertial"])
+    if d["battery"]:
+        yield "battery", _battery(d["battery"])
+    if d["authority"]:
+        angles = [name for name in d["authority"] if words.ANGLES & set(words.split(name))]
+        unknown = "not told: what a thruster does changes with %s" % ", ".join(angles)
+        yield ("thrusters", unknown if angles else "; ".join(_does(*item) for item in d["authority"].items()))
+
+
+def _sensors(inertial: Document, poses: Document) -> str:
+    """What the craft's gyro and accelerometer measure, beside the poses."""
+    if not inertial["noise"]:
+        return "not used: " + "; ".join(inertial["problems"])
+    turn, push = inertial["noise"][0], float(np.hypot(*inertial["noise"][1:]) / np.sqrt(2))
+    of_poses = poses["noise"]["heading"] * np.sqrt(2) * poses["rate"]
+    parts = [
+        "gyro %.0f Hz, noise %.2g deg/s (that of two poses: %.2g deg/s)"
+        % (inertial["rate"], np.degrees(turn), np.degrees(of_poses))
+    ]
+    if not inertial["problems"]:
+        place = (1e3 * inertial["place"][0], 1e3 * inertial["place"][1])
+        parts.append(
+            "accelerometer, noise %.2g m/s2, turned by %.1f deg, %.0f mm ahead and %.0f mm to starboard of "
+            "the markers" % (push, np.degrees(inertial["accelerometer"]["mounting"]), *place)
+        )
+    parts.append("%.0f ms after the poses" % (1e3 * inertial["delay"]))
+    return ", ".join(parts + list(inertial["problems"]))
+
+
+def _mounting(inertial: Document) -> str:
+    """The parameters of mocap_state by which it uses the sensors."""
+    gyro, push, place = inertial["gyro"], inertial["accelerometer"], inertial["place"]
+    values = (
+        ("gyro_scale", gyro["scale"]),
+        ("acceleration_scale", 0.0 if inertial["problems"] else push["scale"]),
+        ("mounting", push["mounting"]),
+        ("ahead", place[0]),
+        ("starboard", place[1]),
+        ("delay", inertial["delay"]),
+    )
+    return "{%s} for mocap_state" % ", ".join("%s: %.5g" % item for item in values)
+
+
+def _battery(battery: Document) -> str:
+    """How the voltage of the battery goes."""
+    text = (
+        "%(first).2f V at the start, %(last).2f V at the end (%(least).2f to %(most).2f V), at %(rate).3g Hz"
+    )
+    left_out = "; %(unusable)d samples that are not positive numbers, left out" if battery["unusable"] else ""
+    return (text + left_out) % battery
+
+
+def _does(name: str, authority: Document) -> str:
+    """What a thruster does at full input, as far as the recording tells."""
+    parts = []
+    least = 0.3 * max(abs(authority["forward"]), abs(authority["right"]))
+    for (key, sentences, unit), error in zip(EFFECTS, authority["errors"]):
+        value = authority[key]
+        if abs(value) > CERTAIN * error and (key == "turn" or abs(value) > least):
+            parts.append("%s (%.2g +- %.1g %s)" % (sentences[value < 0], abs(value), error, unit))
+    return "%s %s" % (name, ", ".join(parts) or "has no clear effect")
+
+
+def _measured(settings: Document) -> str:
+    """Settings by which poses became world_ned, and their sources."""
+    forms = {"axes": "axes '%s' (%s)", "heading_offset": "heading_offset %g rad (%s)"}
+    sentences = [forms[name] % (settings[name], settings["sources"][name]) for name in settings["taken"]]
+    text = ", ".join(sentences) or "as states, corrected already"
+    for change in settings["changes"] if settings["taken"] else ():
+        text += "; from %(time).2f s on axes '%(axes)s', heading_offset %(heading_offset)g rad" % change
+    return text
+
+
+def grave(d: Document) -> Iterator[str]:
+    """Sentences on oddities whose repair may be wrong; all verbs print them, not only info."""
+    poses = d["poses"]
+    if not d["usable"]["spans"]:
+        why = max(_left_out(d), default=(0.0, "no %d poses follow each other without a gap" % SHORTEST))[1]
+        if poses["third_differences"] and not any(poses["third_differences"].values()):
+            why = "all poses are the same: the mocap stood still"
+        yield "nothing of it is usable: " + why
+    if poses["stamps_out_of_order"]:
+        yield "stamps out of order, sorted: %d" % poses["stamps_out_of_order"]
+    if poses["frozen"]:
+        yield "frozen poses (repeated samples of a moving craft), dropped: %d" % poses["frozen"]
+    if poses["heading_steps"]:
+        steps = ["%.0f deg at %.2f s" % (np.degrees(s["angle"]), s["time"]) for s in poses["heading_steps"]]
+        yield (
+            "the measured heading steps while the craft goes on, as when the mocap takes one pattern of "
+            "markers for another; turned back to that of the longest part: " + _named(steps)
+        )
+    if d["breaks"]:
+        times = _named(["%.2f s" % time for time in d["breaks"]])
+        yield "place and heading step at once, so that another run begins, which no window spans: " + times
+    if abs(d["clock_offset"]) > repair.CLOCK_OFFSET:
+        text = "the stamps of the poses are %.3f s off the clock of the commands, shifted"
+        yield text % -d["clock_offset"]
+    yield from map(suspicions.sentence, d["suspicions"])
+    clock = any(one["kind"] == "clock" for one in d["suspicions"])
+    if d["controls"]["changes"] >= FEWEST_CHANGES and not d["reply"] and not clock:
+        share = d["unexplained"]
+        if share is not None and share >= reply.POWER:
+            yield "the motion does not follow the commands: are poses and all commands of the same run?"
+        elif share is not None:
+            why = "most of the accelerations are noise of the poses"
+            if d["poses"]["noise"]["heading"] > reply.AMBIGUOUS:
+                why = "the headings scatter so much that it is not known which way the craft turned"
+            elif share == 0:
+                why = "the same commands at other times, or noise of the poses, explain as much of it"
+            yield "whether the motion follows the commands cannot be decided, because " + why
+
+
+def findings(d: Document) -> Iterator[str]:
+    """Sentences on what is odd and what was repaired."""
+    yield from grave(d)
+    yield from _frames(d["poses"])
+    yield from _poses(d["poses"])
+    yield from _overlap(d["controls"])
+    yield from (text for _, text in _left_out(d))
+    yield from _changes(d["changes"])
+    if d["same_inputs_as"]:
+        yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
+
+
+def _left_out(d: Document) -> Iterator[Tuple[float, str]]:
+    """What is not usable and why: its length [s] and a sentence."""
+    if d["rest"] > 0.2:
+        text = "the first %.2f s are left out, because the craft does not move (--all keeps them)"
+        yield d["rest"], text % d["rest"]
+    if d["rest_at_end"] > 0.2:
+        controls = d["controls"]
+        none = "lift" if len(controls["thrusters"]) < len(controls["channels"]) else "commands"
+        text = "the last %.2f s are left out, without %s or motion (--all keeps them)"
+        yield d["rest_at_end"], text % (d["rest_at_end"], none)
+    for spans, what in (
+        (d["without_lift"], "no lift, left out"),
+        (d["steps"], "the measured pose steps, as when cameras change, but the craft does not; left out"),
+        (d["silent"], "no commands, although they have a rate; nobody knows what the craft did, left out"),
+        (d["frozen"], "the last pose is repeated while thrusters act, left out"),
+        (d["contacts"], "no input explains the motion (contact, hand, wrong poses), left out"),
+    ):
+        if spans:
+            named = _named(["%(start).2f to %(end).2f s" % span for span in spans])
+            yield sum(span["end"] - span["start"] for span in spans), "%s: %s" % (what, named)
+
+
+def _frames(poses: Document) -> Iterator[str]:
+    """Differences between the stamps and the instants of the frames."""
+    clock = poses.get("frame_clock")
+    if clock:
+        late = clock["lateness"]
+        yield (
+            "stamps are late, in bursts or by a poll: %d of %d poses came at once with the one before; "
+            % (poses["bursts"], poses["count"])
+            + "the clock of the frames is rebuilt: %(rate).2f Hz, %(lost)d frames lost, " % clock
+            + "stamps late by %.1f ms in the middle and %.0f ms at most"
+            % (1e3 * late["median"], 1e3 * late["largest"])
+        )
+        if late["above_50_ms"]:
+            yield "late bursts, stamps late by more than 50 ms: %d" % late["above_50_ms"]
+    elif poses["bursts"]:
+        yield "%d poses came at once with the one before" % poses["bursts"]
+
+
+def _poses(poses: Document) -> Iterator[str]:
+    """Poses that are missing, and those that were repaired."""
+    if poses["gaps"]:
+        gaps = sorted(poses["gaps"], key=lambda gap: -float(gap["length"]))
+        named = _named(["%(length).2f s at %(start).2f s" % gap for gap in gaps])
+        yield "mocap lost %d times for more than %.2g s: %s" % (len(gaps), GAP * poses["interval"], named)
+    for count, what in (
+        (poses["duplicate_stamps"], "repeated stamps"),
+        (poses["held"], "positions that only repeat the last fix, left out"),
+        (poses["overtaken"], "poses that overtook each other in a burst, put in order"),
+        (poses["heading_wraps"], "wraps of the heading, unwrapped"),
+        (poses["mirrored_headings"], "headings flipped to the wrong sign, undone"),
+    ):
+        if count:
+            yield "%s: %d" % (what, count)
+    if poses["spikes"]:
+        times = _named(["%.2f s" % time for time in poses["spikes"]])
+        yield "spikes, places or headings that no smooth motion explains, left out: " + times
+
+
+def _overlap(controls: Document) -> Iterator[str]:
+    """Where poses and commands do not begin or end together."""
+    begin, end = controls["start_after_poses"], controls["end_after_poses"]
+    for apart, least, text in (
+        (-begin, 0.01, "the commands start %.2f s before the poses"),
+        (begin, 0.2, "poses start %.2f s before the commands, left out"),
+        (end, 0.01, "poses end %.2f s before the commands"),
+        (-end, 0.2, "commands end %.2f s before the poses, left out"),
+    ):
+        if apart > least:
+            yield text % apart
+
+
+def _changes(changes: List[Document]) -> Iterator[str]:
+    """What was changed while the run was recorded."""
+    for change in changes[:MAX_CHANGES]:
+        ends = change["before"] or "''", change["after"] or "''"
+        yield "changed at %(time).2f s: %(node)s: %(name)s " % change + "%s -> %s" % ends
+    if len(changes) > MAX_CHANGES:
+        yield "%d more live changes (info --json lists them)" % (len(changes) - MAX_CHANGES)
+
+
+def _named(items: Sequence[str]) -> str:
+    more = len(items) - MAX_NAMED
+    return ", ".join(items[:MAX_NAMED]) + (" and %d more" % more if more > 0 else "")
+
+
+def differences(recordings: Sequence[Recording]) -> str:
+    """A line that groups recordings by settings, and by model and room of their controllers, if these
+    differ; empty if they do not."""
+    parts = []
+    for kind in (*NAMES, "axes", "heading_offset"):
+        groups: Dict[str, Tuple[str, List[str]]] = {}
+        for recording, key, text in _settings(recordings, kind):
+            groups.setdefault(key, (text, []))[1].append(recording.name)
+        if len(groups) > 1:
+            parts += ["%s %s for %s" % (kind, text, ", ".join(names)) for text, names in groups.values()]
+    return "the runs were recorded with different settings: " + "; ".join(parts) if parts else ""
+
+
+def _settings(recordings: Sequence[Recording], kind: str) -> Iterator[Tuple[Recording, str, str]]:
+    """Recordings that have a setting, each with what tells it from others and what it is called. A model
+    or a room is told by its content where that was recorded, else by its name."""
+    kept = {r.flown_by[kind]: _content(r.files[kind]) for r in recordings if kind in r.files}
+    for recording in recordings:
+        name, values = recording.flown_by.get(kind), recording.settings.values(kind)
+        if kind in NAMES and name is not None:
+            file = recording.files.get(kind)
+            yield recording, _content(file) if file else kept.get(name, name), name
+        elif values is not None:
+            text = " then ".join("%s" % value for value in values)
+            yield recording, text, text
+
+
+def _content(file: RunFile) -> str:
+    return json.dumps(file.entries(), sort_keys=True, default=str)

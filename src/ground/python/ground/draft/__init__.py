@@ -1,0 +1,1 @@
+"""Drafts: what the columns of a file seem to be, written as a mapping."""

@@ -1,0 +1,155 @@
+"""Which columns of a table are probably its time, for drafts of mappings."""
+
+import re
+from dataclasses import dataclass
+from typing import Iterator, List, Mapping, Set, Tuple
+
+import numpy as np
+
+from ground.reading import containers, instants, words
+from ground.reading.containers import Columns
+from ground.reading.mapping import TIMES, Clock
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
+
+LONGEST = 20.0  # usual time between rows up to which times may be days [s]
+
+
+@dataclass(frozen=True)
+class TableClock:
+    """The clock of a table."""
+
+    key: str  #: `time` of a mapping, with a comment
+    fields: Tuple[str, ...]  #: columns that it takes
+    times: Array  #: (n,) of the rows [s]; NaN for those without one
+
+
+def find(
+    columns: Columns, values: Mapping[str, Array], units: Mapping[str, str], topic: str, shared: Set[str]
+) -> TableClock:
+    """The clock of a table. values: its numbers, by column; units: that the file says; shared: columns that
+    all tables of a folder have, whose clock is one."""
+    clocks = sorted(_clocks(columns, values, units), key=lambda one: one[0].field not in shared)
+    lost = ""
+    for clock, unit in clocks:
+        fields = tuple(filter(None, (clock.field, clock.nanoseconds, clock.date)))
+        try:
+            stamps, known = instants.read(columns, clock, topic, [])
+        except GroundError:
+            continue
+        comment = ""
+        try:
+            instants.check(columns, clock, stamps, known, topic)
+        except GroundError as error:
+            comment = "  # " + str(error)
+            if "unpadded" in str(error):
+                unit += ", stamps: unpadded"
+                comment = "  # seconds and nanoseconds were written without leading zeros between them"
+            elif "digits" in str(error):
+                lost = "the stamps of %s have lost their last digits" % clock.field
+                continue
+        keys = [("field", clock.field), ("date", clock.date), ("nanoseconds", clock.nanoseconds)]
+        named = ", ".join("%s: %s" % (key, quoted(value)) for key, value in keys if value)
+        key = "{%s%s}%s" % (named, unit, comment)
+        return TableClock(key, fields, np.where(known, containers.seconds(stamps), np.nan))
+    frames = [n for n in _rising(values) if set(words.split(n)) & words.FRAMES]
+    named = "field: %s, " % quoted(frames[0]) if frames else ""
+    key = "{%srate: }  # %s: put in how many rows come per second [Hz]" % (
+        named,
+        lost or "no column is a time",
+    )
+    return TableClock(key, tuple(frames[:1]), np.arange(len(next(iter(columns.values()))), dtype=float))
+
+
+def _clocks(
+    columns: Columns, numbers: Mapping[str, Array], units: Mapping[str, str]
+) -> Iterator[Tuple[Clock, str]]:
+    """Clocks that a table may have, the likeliest first, and the rest of their keys."""
+    names = list(columns)
+    for seconds in names:
+        found = words.split(seconds.replace("nsec", "nano"))
+        for end, rest in (("secs", "nsecs"), ("sec", "nanosec"), ("sec", "nsec"), ("s", "ns")):
+            other = seconds[: -len(end)] + rest if seconds.endswith(end) else ""
+            if other in numbers and seconds in numbers and found:
+                yield Clock(field=seconds, unit="s", nanoseconds=other), ", unit: s"
+    likely = [(_time_worth(name), -names.index(name), name) for name in names]
+    for worth, _, name in sorted(likely, reverse=True):
+        if worth <= 0:
+            continue
+        if name in numbers:
+            values = numbers[name][np.isfinite(numbers[name])]
+            steps = np.diff(values)
+            still = len(values) < 2 or (np.ptp(values) <= 0 and values[0] < 1e8) or (steps >= 0).mean() < 0.5
+            if still and not _is_date(name):
+                continue
+            unit = _time_unit(name, units.get(name, ""), values)
+            yield Clock(field=name, unit=unit), ", unit: %s" % unit
+        elif columns[name].dtype == object:
+            dates = [n for n in names if _is_date(n) and n != name]
+            if dates and not re.search(r"\d[-/.]\d+[-/.]\d", str(next(filter(None, columns[name]), ""))):
+                yield Clock(field=name, date=dates[0]), ""
+            yield Clock(field=name), ""
+    for name in _rising(numbers):
+        if not set(words.split(name)) & (words.FRAMES | words.MOTION) and not words.axis(name)[0]:
+            unit = _time_unit(name, "", numbers[name])
+            yield Clock(field=name, unit=unit), ", unit: %s" % unit
+
+
+def _is_date(name: str) -> bool:
+    return words.split(name)[-1:] == ["date"] or words.split(name)[:1] == ["date"]
+
+
+def _time_worth(name: str) -> float:
+    """How likely a name is that of the time of the samples."""
+    found = words.split(name)
+    if not set(found) & words.TIME:
+        return 0.0
+    unlike = len(set(found) & words.OTHER_TIMES)
+    return (
+        3.0
+        - 0.2 * len(found)
+        - unlike
+        - 2.5 * (found == ["date"])
+        - 0.5 * bool({"dt", "interval"} & set(found))
+    )
+
+
+def _rising(numbers: Mapping[str, Array]) -> List[str]:
+    """Columns that rise all the time."""
+    return [
+        name
+        for name, values in numbers.items()
+        if len(values) > 1 and np.isfinite(values).all() and (np.diff(values) > 0).mean() > 0.95
+    ]
+
+
+def _time_unit(name: str, said: str, values: Array) -> str:
+    """By the file, its size if it is a time since 1970, or its steps."""
+    if said in TIMES:
+        return said
+    named = words.unit(words.split(name)[-1]) if words.split(name) else ""
+    if named in ("ms", "us", "ns"):  # millis, micros
+        return named
+    if _are_days(values):
+        return "days"
+    for unit, since in (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8)):
+        if values[0] > since:
+            return unit
+    steps = np.diff(values)
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    return "s" if step <= 1 else "ms" if step < 1000 else "us" if step < 1e6 else "ns"
+
+
+def _are_days(values: Array) -> bool:
+    """Whether times are days as Excel or Matlab count them."""
+    steps = np.diff(values)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    return any(low < values.min() and values.max() < high for low, high in instants.CALENDARS) and (
+        usual < LONGEST / 86400
+    )
+
+
+def quoted(name: str) -> str:
+    """A name as YAML takes it for text."""
+    plain = re.fullmatch(r"[A-Za-z_][\w.]*", name) and name not in ("off", "on", "yes", "no", "y", "n")
+    return name if plain else '"%s"' % name.replace("\\", "\\\\").replace('"', '\\"')

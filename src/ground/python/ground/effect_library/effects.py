@@ -1,0 +1,257 @@
+"""Effects as objects: of the library, of a file, of formulas, or of a Python function."""
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Mapping, Optional, Union
+
+import yaml
+
+from ground import _core
+from ground.effect_library import candidates, traced
+from ground.effect_library.candidates import Candidate
+from ground.support import files
+from ground.support.annotations import Document, Path
+from ground.support.bounded_yaml import LOADER
+from ground.support.errors import GroundError
+from ground.support.results import Shown
+
+if TYPE_CHECKING:
+    import pandas
+
+MAX_LISTED = 4  # parameters that a table lists
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """A parameter of an effect.
+
+    >>> ground.Effect("wind", wx=0.1).parameters["wx"]
+    EffectParameter(unit='m/s', value=0.1, neutral=0.0, meaning='velocity along world x')
+    """
+
+    unit: str
+    value: float  #: at which a fit begins
+    neutral: float  #: value at which the effect does nothing
+    meaning: str = ""
+
+
+class Effect(Shown):
+    """An effect that acts on a craft: one of the library by name, or one of your own. `model + effect` is
+    the model with it; fit, add, diagnose, simulate and model files take all kinds of effects.
+
+    name: in models and reports. X, Y [N], N [N m]: formulas of u, v, r, x, y, psi, u_L, u_R, lift, t, pi, the
+    parameters and the states (docs: An effect in YAML). frame: "body" or "world", of X and Y.
+    states: by name, formulas of their derivatives. thrust: by thruster (L, R or its name), formulas of
+    forces added to it [N]. parameters: of the library's effects, their values; of formulas, (value, unit),
+    (value, unit, lower, upper), or the keys of a model file; the effect must do nothing at the neutral
+    value, 0 by default.
+
+    force: a Python function in place of formulas, of `state` (u, v, r, x, y, psi, t and the effect's
+    states), `inputs` (left, right, lift, or u_NAME of a thruster) and the parameters by name; it
+    returns X, Y, N, or a dict of components. It is called once, with symbols, and becomes a formula; so
+    everything works with it that works with formulas. It may use arithmetic, comparisons, numpy's
+    functions of numbers, numpy.where and numpy.interp, and must not use `if` or `math`. GroundError
+    says what is wrong.
+
+    >>> waves = ground.Effect("washboard", X="a*sin(2*pi*x/0.3)", a=(0.01, "N"))
+    >>> craft = ground.Model.load(model_file) + waves + ground.Effect("wind", wx=0.1)
+    >>> craft.effects, craft["washboard.a"], (craft - "wind").effects
+    (('washboard', 'wind'), 0.01, ('washboard',))
+    >>> drag = lambda state, inputs, c: (-c * state.u * np.abs(state.u), 0, 0)
+    >>> ground.Effect("drag", force=drag, c=(0.02, "N s2/m2", 0, 1)).formulas
+    {'X': '(((-c)*u)*abs(u))'}
+    """
+
+    def __init__(
+        self,
+        name: str,
+        X: str = "",
+        Y: str = "",
+        N: str = "",
+        *,
+        force: Optional[Callable[..., Any]] = None,
+        frame: str = "body",
+        states: Mapping[str, Union[str, Document]] = {},
+        thrust: Mapping[str, str] = {},
+        **parameters: Any,
+    ) -> None:
+        formulas = {key: text for key, text in (("X", X), ("Y", Y), ("N", N)) if text}
+        formulas.update({"thrust_" + key: text for key, text in thrust.items()})
+        if force is not None:
+            formulas.update(traced.traced(name, force, states, parameters))
+        self.entry: Document = {"name": name}  #: as model files list it
+        self.path = ""  #: of the file that it was read from
+        self.text = ""  #: of that file
+        if not formulas:
+            if force is not None or states:
+                raise GroundError("effect %s: it has no force" % name)
+            self.entry.update(parameters)
+            return
+        self.entry["expression"] = formulas
+        if frame != "body":
+            self.entry["frame"] = frame
+        if states:
+            self.entry["states"] = dict(states)
+        if parameters:
+            self.entry["parameters"] = {key: _described(name, key, p) for key, p in parameters.items()}
+
+    @classmethod
+    def load(cls, path: Path) -> "Effect":
+        """The effect in a YAML file, listed as in a model file. GroundError names file and line."""
+        place = os.fspath(path)
+        text = candidates.text_of(place)
+        try:
+            entry = yaml.load(text, LOADER)
+        except (ValueError, yaml.YAMLError, RecursionError):
+            entry = None
+        if not isinstance(entry, dict) or "name" not in entry:
+            candidates.from_text(text, place)  # says what is wrong, and where
+            raise GroundError("%s: not an effect" % place)
+        found = cls.of(entry)
+        found.path, found.text = place, text
+        return found
+
+    @classmethod
+    def of(cls, effect: "EffectLike") -> "Effect":
+        """The effect of a name, a path of a YAML file, or an entry of a model file."""
+        if isinstance(effect, Effect):
+            return effect
+        if isinstance(effect, Mapping):
+            found = cls(str(effect.get("name", "")))
+            found.entry.update(effect)
+            return found
+        place = files.path_of(effect, "an effect, its name")
+        return cls.load(place) if os.path.splitext(place)[1] in (".yaml", ".yml") else cls(place)
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return str(self.entry["name"])
+
+    @property
+    def formulas(self) -> Dict[str, str]:
+        """Formulas by component (X, Y, N, thrust_NAME); empty for effects of the library."""
+        return dict(self.entry.get("expression", {}))
+
+    @property
+    def meaning(self) -> str:
+        """What it is, in words; empty for your own."""
+        return candidates.summaries().get(self.name, "")
+
+    @property
+    def parameters(self) -> Dict[str, EffectParameter]:
+        """Its parameters by name."""
+        if "expression" in self.entry:
+            given: Document = self.entry.get("parameters", {})
+            return {
+                key: EffectParameter(
+                    str(p.get("unit", "")), p.get("value", 0.0), p.get("neutral", 0.0), p.get("doc", "")
+                )
+                for key, p in given.items()
+            }
+        return {
+            p["name"]: EffectParameter(
+                p["unit"], float(self.entry.get(p["name"], p["neutral"])), p["neutral"], p["doc"]
+            )
+            for p in candidates.effects().get(self.name, {"parameters": []})["parameters"]
+        }
+
+    def candidate(self, model: _core.Model) -> Candidate:
+        """The Candidate that a diagnosis of a model tries. GroundError when it does not go with the model."""
+        if self.text:
+            return candidates.from_text(self.text, self.path, model)
+        entry = dict(self.entry)
+        if "expression" not in entry and "terms" not in entry:
+            known = candidates.effects(model).get(self.name)
+            if known is None or len(entry) == 1:
+                return candidates.of_library(self.name)
+            neutral = {p["name"]: p["neutral"] for p in known["parameters"]}
+            entry = {"name": self.name, **neutral, **entry}
+        return candidates.from_entry(entry, "effect %s" % self.name, model)
+
+    def save(self, path: Path, force: bool = False) -> None:
+        """Writes it as a YAML file that --effects takes. GroundError when that exists and `force` is not
+        set."""
+        files.write_yaml(os.fspath(path), self.entry, force)
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Its parameters, indexed by name: value, unit, neutral, meaning."""
+        import pandas
+
+        own = self.parameters
+        rows = [[p.value, p.unit, p.neutral, p.meaning] for p in own.values()]
+        index = pandas.Index(list(own), name="parameter")
+        return pandas.DataFrame(rows, index, ["value", "unit", "neutral", "meaning"])
+
+    def lines(self, written: str = "") -> Iterator[str]:
+        """Name, meaning, formulas and parameters."""
+        yield "%s: %s" % (self.name, self.meaning) if self.meaning else self.name
+        for key, text in self.formulas.items():
+            yield "  %s = %s" % (key, text)
+        for key, p in self.parameters.items():
+            yield "  %s %.4g %s  %s" % (key, p.value, p.unit, p.meaning)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Effect) and self.entry == other.entry
+
+    def __hash__(self) -> int:
+        return hash(yaml.safe_dump(self.entry))
+
+
+EffectLike = Union[Effect, Mapping[str, Any], Path]
+
+
+class Effects(Shown, List[Effect]):
+    """Effects as a list that shows as a table.
+
+    >>> print(ground.effects()[-1])
+    yaw_bias: constant yaw moment
+      n0 0 N m  moment
+    """
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """A row for each, indexed by name: meaning, and parameters with their units."""
+        import pandas
+
+        rows = [[one.meaning, _listed(one.parameters)] for one in self]
+        index = pandas.Index([one.name for one in self], name="effect")
+        return pandas.DataFrame(rows, index, ["meaning", "parameters"])
+
+    def lines(self, written: str = "") -> Iterator[str]:
+        """A line for each."""
+        for name, row in self.to_frame().iterrows():
+            yield "%-24s %s: %s" % (name, row["meaning"], row["parameters"])
+
+
+def effects() -> Effects:
+    """The effects of the library, with meaning and parameters. A diagnosis tries all but those that it is
+    asked for (`effects=` of ground.diagnose). Crafts that list their thrusters have effects of single ones
+    as well, such as thruster_gain_NAME.
+
+    >>> known = ground.effects()
+    >>> known.to_frame().loc["motor_lag", "parameters"]
+    'tau [s]'
+    >>> [one.name for one in known if "floor" in one.name]
+    ['floor_friction_map', 'floor_tilt']
+    """
+    return Effects(Effect(name) for name in candidates.effects())
+
+
+def _listed(parameters: Mapping[str, EffectParameter]) -> str:
+    """Names and units of parameters, the first ones of many."""
+    texts = ["%s [%s]" % (key, p.unit) for key, p in parameters.items()]
+    more = len(texts) - MAX_LISTED
+    return ", ".join(texts[:MAX_LISTED]) + (" and %d more" % more if more > 0 else "")
+
+
+def _described(effect: str, name: str, given: Any) -> Document:
+    """A parameter as model files have it."""
+    if isinstance(given, Mapping):
+        return dict(given)
+    values = list(given) if isinstance(given, (tuple, list)) else [given, "1"]
+    if not 2 <= len(values) <= 4 or isinstance(values[0], str):
+        raise GroundError(
+            "effect %s: %s needs (value, unit), or (value, unit, lower, upper)" % (effect, name)
+        )
+    found = dict(zip(("value", "unit", "lower", "upper"), values))
+    return {key: value if key == "unit" else float(value) for key, value in found.items()}

@@ -1,0 +1,1 @@
+"""Poses: their clock, noise, repair and velocities."""

@@ -1,0 +1,334 @@
+"""Stamps of tables: numbers of any unit, dates and times as text, numbers of frames."""
+
+import datetime
+import re
+from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple, Union
+
+import numpy as np
+
+from ground.reading import containers
+from ground.reading.containers import Column, Columns
+from ground.reading.mapping import TIMES, Clock
+from ground.support.annotations import Array, Flags, Indices
+from ground.support.errors import GroundError
+
+if TYPE_CHECKING:
+    import pandas
+
+LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
+DAY = 86400 * 10**9  # [ns]
+RESTART = 5 * 10**8  # a clock that goes back by more starts anew [ns]
+MANY_LOST = 3  # rows for each stamp from which the stamps have lost digits
+UNPADDED = "unpadded"
+CALENDARS = {(3e4, 8e4): 25569, (7e5, 8e5): 719529}  # days of Excel and of Matlab: that of 1970
+DATE = (
+    r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{8}|\d{1,2}[- ][A-Za-z]{3,9}[- ,]+\d{2,4}"
+    r"|\d{4}[- ][A-Za-z]{3,9}[- ]\d{1,2}"
+)
+TIME = (
+    r"(?P<h>\d{1,2})[:.hH](?P<m>\d{1,2})(?:[:.](?P<s>\d{1,2})(?:[.,:](?P<f>\d+))?)?"
+    r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|GMT|[-+]\d\d:?\d\d|[-+]\d\d)?(?:\[[\w/]+\])?"
+)
+FORM = re.compile(r"\s*(?:(?P<date>%s)(?:\s*T|[\s,_-]+|$))?(?:%s)?\s*" % (DATE, TIME))
+MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec".split()
+
+
+def read(columns: Columns, clock: Clock, where: str, notes: List[str]) -> Tuple[Indices, Flags]:
+    """Stamps (n,) [ns] by fields of a table, and which rows have one. notes: told what was assumed.
+    GroundError where a field gives no times."""
+    count = len(next(iter(columns.values()))) if columns else 0
+    if not clock.field:
+        return np.rint(np.arange(count) * (1e9 / clock.rate)).astype(np.int64), np.ones(count, bool)
+    given = containers.column(columns, clock.field)
+    if given is None:
+        raise containers.no_field(columns, [clock.field], where)
+    if given.dtype.kind not in "biuf" or clock.format:
+        texts = given if given.dtype.kind == "O" else _written(columns, clock.field)
+        return _of_texts(columns, given if texts is None else texts, clock, where, notes)
+    return _of_numbers(columns, given, clock, where, notes)
+
+
+def check(
+    columns: Columns, clock: Clock, stamps: Indices, used: Flags, where: str, rows: Optional[Array] = None
+) -> None:
+    """GroundError where stamps (n,) [ns] of a table are none, of the rows that are used (n,): nanoseconds
+    without leading zeros, lost digits, or a clock that starts anew. rows: what was measured (n, k); a row
+    that is there twice has not lost the digits of its stamp."""
+    given = containers.column(columns, clock.field) if clock.field else None
+    if given is None or not used.any() or descends(stamps[used]):
+        return
+    is_glued = clock.stamps != UNPADDED and not clock.nanoseconds and given.dtype.kind not in "iu"
+    if is_glued and (np.diff(stamps[used]) < 0).any():
+        texts = _written(columns, clock.field)
+        if texts is not None:
+            _check_padding(stamps[used], np.asarray(texts, object)[used], where)
+    count = int(used.sum())
+    if rows is not None:
+        count = len(np.unique(np.column_stack([stamps[used], rows[used]]), axis=0))
+    _check_digits(stamps[used], count, clock, where)
+    _check_restarts(stamps[used], np.flatnonzero(used), where)
+
+
+def descends(stamps: Union[Array, Indices]) -> bool:
+    """Whether the latest of stamps (n,) come first, as databases export them."""
+    steps = np.diff(stamps)
+    return bool(len(steps) and (steps < 0).sum() > 0.9 * (steps != 0).sum() > 0)
+
+
+def _written(columns: Columns, name: str) -> Optional[Column]:
+    """The cells of a column of a text table; None where the file has no texts."""
+    text = getattr(columns, "text", None)
+    ends = [one for one in columns if one == name or one.endswith("." + name)]
+    return text(ends[0]) if text is not None and ends else None
+
+
+def _of_numbers(
+    columns: Columns, given: Column, clock: Clock, where: str, notes: List[str]
+) -> Tuple[Indices, Flags]:
+    """Stamps by a field that is a number, and one to add."""
+    unit = clock.unit or _unit(columns, clock.field)
+    if clock.stamps == UNPADDED and given.dtype.kind == "f" and not clock.nanoseconds:
+        texts = _written(columns, clock.field)
+        if texts is not None:
+            return _unpadded(texts, where)
+    known, total = np.ones(len(given), bool), np.zeros(len(given), np.int64)
+    parts: List[Tuple[Column, float]] = [(given, 1e9 / clock.rate if clock.rate else TIMES[unit])]
+    if unit == "days":
+        parts = [(_since_1970(given), TIMES[unit])]
+    if clock.nanoseconds:
+        parts.append((containers.values(columns, [clock.nanoseconds], where)[:, 0], 1.0))
+    for values, factor in parts:
+        numbers = np.asarray(values, float)
+        finite = np.isfinite(numbers)
+        known &= finite
+        far = finite & ((numbers < 0) | (numbers * factor >= LATEST))
+        if far.any() and clock.rate == 0 and (numbers[far] >= 0).any():
+            raise GroundError(
+                "%s: a time is %g %s, which is not between 1970 and 2106; the key unit of the "
+                "mapping's time may be wrong%s" % (where, numbers[far][0], unit, _better(numbers[far][0]))
+            )
+        if values.dtype.kind in "iu" and float(factor).is_integer():  # more digits than a float
+            total += _unwrapped(np.asarray(values, np.int64), notes) * int(factor)
+        else:
+            total += np.rint(np.where(finite, numbers, 0.0) * factor).astype(np.int64)
+    return total, known
+
+
+def _since_1970(days: Column) -> Column:
+    """Days since 1970 of those that Excel or Matlab count; others are left as they are."""
+    numbers = np.asarray(days, float)
+    first = numbers[np.isfinite(numbers)][:1]
+    return numbers - sum(zero for (low, high), zero in CALENDARS.items() if low < first.sum() < high)
+
+
+def _unwrapped(counts: Indices, notes: List[str]) -> Indices:
+    """Counts of a clock of 16 or 32 bits that begins again at 0, as counts that go on."""
+    steps = np.diff(counts)
+    usual = np.median(np.abs(steps)) if len(steps) else 0
+    for size in (2**32, 2**16):
+        wraps = np.abs(steps + size) <= 5 * usual
+        if wraps.any() and (counts < size).all() and 100 * usual < size / 4:
+            notes.append("the clock of %d bits begins again at 0 (%d)" % (np.log2(size), wraps.sum()))
+            return np.asarray(counts + size * np.concatenate([[0], np.cumsum(wraps)]), np.int64)
+    return counts
+
+
+def _unit(columns: Columns, name: str) -> str:
+    """The unit that the file gives a column of times; seconds without one."""
+    unit = str(getattr(columns, "units", {}).get(name, ""))
+    return unit if unit in TIMES else "s"
+
+
+def _better(value: float) -> str:
+    """The unit in which a number is a time of this century."""
+    for unit, factor in TIMES.items():
+        if 9e8 * 1e9 < value * factor < LATEST:
+            return ": it is a time since 1970 in %s" % unit
+    return ""
+
+
+def _unpadded(texts: Column, where: str) -> Tuple[Indices, Flags]:
+    """Stamps of seconds and nanoseconds between which a point stands, without leading zeros."""
+    import pandas
+
+    parts = pandas.Series(texts).astype(str).str.extract(r"^\s*(\d+)(?:[.,](\d{1,9}))?\s*$")
+    known = parts[0].notna().to_numpy()
+    whole = parts[0].fillna("0").astype(np.int64).to_numpy()
+    rest = parts[1].fillna("0").astype(np.int64).to_numpy()
+    if not known.any():
+        raise GroundError("%s: no stamp has seconds and nanoseconds with a point between them" % where)
+    return whole * 10**9 + rest, known
+
+
+def _of_texts(
+    columns: Columns, texts: Column, clock: Clock, where: str, notes: List[str]
+) -> Tuple[Indices, Flags]:
+    """Stamps by texts of date and time, whose date may stand in another column."""
+    import pandas
+
+    series = pandas.Series(texts, dtype=object).where(lambda one: one.notna(), "").astype(str).str.strip()
+    if clock.date:
+        dates = containers.column(columns, clock.date)
+        if dates is None:
+            raise containers.no_field(columns, [clock.date], where)
+        if dates.dtype.kind in "biuf":  # 20231114
+            dates = _written(columns, clock.date)
+        known_dates = pandas.Series(dates, dtype=object).ffill().fillna("").astype(str).str.strip()
+        series = (known_dates + " " + series).where(series != "", "")
+    known = (series != "").to_numpy()
+    if clock.format:
+        found = pandas.to_datetime(series.where(known), format=clock.format, errors="coerce", utc=True)
+        known &= found.notna().to_numpy()
+        if not known.any():
+            raise GroundError(
+                "%s: no time fits the format '%s'; the first is '%s'" % (where, clock.format, series[0])
+            )
+        return found.dt.tz_localize(None).fillna(pandas.Timestamp(0)).to_numpy("datetime64[ns]").astype(
+            np.int64
+        ), known
+    parts = series.str.extract(FORM)
+    good = (parts["h"].notna() & series.str.fullmatch(FORM.pattern)).to_numpy()
+    bad = known & ~good
+    if known.any() and bad.mean() > 0.01 * known.mean():
+        raise GroundError(
+            "%s: column %s has no numbers and no times that are known, such as '%s'; write time: {field: %s, "
+            "format: '%%Y-%%m-%%d %%H:%%M:%%S.%%f'} with the codes of strptime in the mapping"
+            % (where, clock.field, series[np.argmax(bad)], clock.field)
+        )
+    if bad.any():
+        notes.append(
+            "times that cannot be read are left out (%d, the first is '%s')"
+            % (bad.sum(), series[np.argmax(bad)])
+        )
+    parts = parts[good]
+    total = np.zeros(len(series), np.int64)
+    total[good] = _of_day(parts, clock.stamps == UNPADDED)
+    if parts["date"].notna().any():
+        total[good] += _days(parts["date"].ffill().bfill(), notes) * DAY
+    else:
+        total[good] = _past_midnight(total[good], notes)
+    return total, good
+
+
+def _of_day(parts: "pandas.DataFrame", unpadded: bool) -> Indices:
+    """Times since midnight, UTC where a zone is given [ns]."""
+    hours, minutes, seconds = (parts[n].fillna("0").astype(np.int64).to_numpy() for n in "hms")
+    half = parts["half"].fillna("").str.upper().str[:1].to_numpy()
+    hours = np.where(half == "P", hours % 12 + 12, np.where(half == "A", hours % 12, hours))
+    digits = parts["f"].fillna("0").str[:9]
+    digits = digits.str.zfill(9) if unpadded else digits.str.ljust(9, "0")
+    total = ((hours * 60 + minutes) * 60 + seconds) * 10**9 + digits.astype(np.int64).to_numpy()
+    zones = parts["zone"].fillna("Z")
+    offsets = {zone: _offset(zone) for zone in zones.unique()}
+    return np.asarray(total - zones.map(offsets).astype(np.int64).to_numpy(), np.int64)
+
+
+def _offset(zone: str) -> int:
+    """How far a zone's clock is before UTC [ns]."""
+    if zone[0] not in "+-":
+        return 0
+    digits = zone[1:].replace(":", "").ljust(4, "0")
+    seconds = 3600 * int(digits[:2]) + 60 * int(digits[2:4])
+    return (-seconds if zone[0] == "-" else seconds) * 10**9
+
+
+def _past_midnight(times: Indices, notes: List[str]) -> Indices:
+    """Times of day of which those after midnight belong to the next day."""
+    passed = np.diff(times, prepend=times[:1]) < -DAY // 2
+    if passed.any():
+        notes.append("the times of day pass midnight (%d)" % passed.sum())
+    return np.asarray(times + np.cumsum(passed) * DAY, np.int64)
+
+
+def _days(dates: "pandas.Series", notes: List[str]) -> Indices:
+    """Days since 1970 of dates."""
+    every = [str(one) for one in dates.unique()]
+    orders: Sequence[str] = ("ymd",)
+    plain = [re.findall(r"\d+|[A-Za-z]+", one) for one in every]
+    if all(len(one) == 3 and len(one[0]) < 4 and not one[1].isalpha() for one in plain):
+        orders = ("dmy",) if any("." in one for one in every) else ("dmy", "mdy")
+    tried = [(order, [_day(one, order) for one in plain]) for order in orders]
+    valid = [(order, days) for order, days in tried if None not in days]
+    if not valid:
+        raise GroundError("the date %s is not known; name the format in the mapping's time" % every[0])
+    order, days = min(valid, key=lambda item: max(item[1]) - min(item[1]))  # type: ignore[type-var,operator]
+    if len(valid) > 1 and valid[0][1] != valid[1][1]:
+        notes.append(
+            "the date %s is taken for day/month/year or month/day/year: %s" % (every[0], "/".join(order))
+        )
+    by_date = dict(zip(every, days))
+    return np.asarray(dates.map(by_date), np.int64)
+
+
+def _day(parts: Sequence[str], order: str) -> Optional[int]:
+    """Days since 1970 of a date in parts; None where it is none in this order."""
+    if len(parts) == 1:  # 20231114
+        parts = parts[0][:4], parts[0][4:6], parts[0][6:]
+    if len(parts) != 3:
+        return None
+    named = [part for part in parts if part.isalpha()]
+    if named:  # 14 Nov 2023, 2023-Nov-14
+        order = "ymd" if len(parts[0]) == 4 else "dmy"
+    one = dict(zip(order, parts))
+    month = one["m"]
+    number = MONTHS.index(month[:3].lower()) + 1 if month[:3].lower() in MONTHS else None
+    try:
+        year = int(one["y"]) + (2000 if int(one["y"]) < 100 else 0)
+        date = datetime.date(year, number or int(month), int(one["d"]))
+    except ValueError:
+        return None
+    return date.toordinal() - datetime.date(1970, 1, 1).toordinal()
+
+
+def _check_padding(stamps: Indices, texts: Column, where: str) -> None:
+    """GroundError where stamps (n,) [ns] go back in the way of nanoseconds without leading zeros."""
+    ends = [re.search(r"[.,](\d+)$", str(text)) for text in texts]
+    digits = np.array([len(end.group(1)) if end else 0 for end in ends])
+    if not 6 <= digits.max() <= 9 or not (digits < digits.max()).any():
+        return
+    rest = np.array([int(end.group(1)) if end else 0 for end in ends], np.int64)
+    shown = np.array([int(end.group(1).ljust(9, "0")) if end else 0 for end in ends], np.int64)
+    back = np.flatnonzero(np.diff(stamps) < 0)
+    if (np.diff(stamps - shown + rest) < 0).sum() < 0.2 * len(back):
+        at = int(back[0])
+        raise GroundError(
+            "%s: stamps go back %d times, the first from %s to %s: seconds and nanoseconds were written one "
+            "after the other without leading zeros; stamps: unpadded in the mapping (or --stamps unpadded) "
+            "mends them" % (where, len(back), texts[at], texts[at + 1])
+        )
+
+
+def _check_digits(stamps: Indices, count: int, clock: Clock, where: str) -> None:
+    """GroundError where most stamps are the same, because their last digits are lost. count: of different
+    rows."""
+    different = np.unique(stamps)
+    if count < 10 or len(different) * MANY_LOST > count or not stamps.any():
+        return
+    step = 1e-9 * float(np.median(np.diff(different))) if len(different) > 1 else 0.0
+    raise GroundError(
+        "%s: %d stamps have only %d different value%s%s: their last digits were lost when they were written "
+        "(%%g writes six); write them anew with all digits (%%.9f) or, where rows are evenly spaced, give "
+        "time: {rate: HZ} in the mapping in place of the field %s"
+        % (
+            where, count, len(different), "s" * (len(different) > 1),
+            ", %g s apart" % step if step else "", clock.field,
+        )
+    )  # fmt: skip
+
+
+def _check_restarts(stamps: Indices, rows: Indices, where: str) -> None:
+    """GroundError where the clock starts anew and goes on from there."""
+    back = np.flatnonzero(np.diff(stamps) < -RESTART)
+    far = [at for at in back if stamps[max(at - 4, 0)] > stamps[min(at + 5, len(stamps) - 1)]]
+    if not far:
+        return
+    ends = [0, *(int(rows[at + 1]) for at in far), int(rows[-1]) + 1]
+    parts = ["rows: [%d, %d]" % (a + 1, b) for a, b in zip(ends, ends[1:])]
+    raise GroundError(
+        "%s: the clock starts anew at row %d, from %.3f to %.3f s: the clock was set, or these are %d runs; "
+        "read one of them by %s in the mapping"
+        % (
+            where, ends[1] + 1, 1e-9 * stamps[far[0]], 1e-9 * stamps[far[0] + 1], len(parts),
+            " or ".join(parts[:4]),
+        )
+    )  # fmt: skip

@@ -1,0 +1,119 @@
+"""Positions of any unit and origin in metres: lengths, coordinates of maps, latitude and longitude."""
+
+import re
+from typing import Iterable, List, Sequence
+
+import numpy as np
+
+from ground.reading.containers import Columns
+from ground.reading.mapping import FURTHER_LENGTHS, GEODETIC, LENGTHS, Poses
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
+
+FAR = 1e4  # coordinates whose median is larger count from the first pose [m]
+RADIUS, FLATTENING = 6378137.0, 1 / 298.257223563  # WGS 84 [m], [-]
+LONGITUDE = re.compile(r"(^|[^a-z])(lon|lng|long|longitude)([^a-z]|$)", re.I)
+LATITUDE = re.compile(r"(^|[^a-z])(lat|latitude)([^a-z]|$)", re.I)
+STILL = 1e-3  # positions that change by less than this share of themselves may be degrees
+
+
+def unit_of(columns: Columns, paths: Sequence[str], known: Iterable[str], what: str, notes: List[str]) -> str:
+    """The unit that the file gives the columns of something; empty where it gives none or several."""
+    said = getattr(columns, "units", {})
+    found = {str(said.get(path, "")) for path in paths}
+    unit = found.pop() if len(found) == 1 else ""
+    if unit not in known:
+        return ""
+    notes.append("%s in %s, as the column %s says" % (what, unit, paths[0]))
+    return unit
+
+
+def metres(
+    numbers: Array, paths: Sequence[str], columns: Columns, poses: Poses, where: str, notes: List[str]
+) -> Array:
+    """Positions (n, k) of fields in metres. notes: told what was assumed."""
+    lengths = {**LENGTHS, **FURTHER_LENGTHS}
+    unit = poses.unit
+    if (
+        not unit
+        and LATITUDE.search(paths[0] + " " + paths[1])
+        and LONGITUDE.search(paths[0] + " " + paths[1])
+    ):
+        unit = GEODETIC
+    unit = unit or unit_of(columns, paths, {*lengths, GEODETIC} - {"m"}, "positions are", notes)
+    if unit == GEODETIC:
+        return _local(numbers, paths, where, notes)
+    if not poses.unit and unit in ("", "m"):
+        _check_degrees(numbers, where)
+    return np.asarray(numbers * (lengths[unit or "m"] * poses.scale))
+
+
+def _local(numbers: Array, paths: Sequence[str], where: str, notes: List[str]) -> Array:
+    """Distances north and east of the first fix (n, k) [m], in the columns of latitude and longitude."""
+    north = 1 if LONGITUDE.search(paths[0]) or LATITUDE.search(paths[1]) else 0
+    fixes = numbers[:, [north, 1 - north]]
+    fixes = np.where((fixes == 0).all(axis=1)[:, None], np.nan, fixes)  # no fix
+    valid = np.isfinite(fixes).all(axis=1)
+    if not valid.any() or (np.abs(fixes[valid]) > [90, 360]).any():
+        raise GroundError(
+            "%s: %s and %s are not latitude and longitude in degrees: they reach from %g to %g and from "
+            "%g to %g" % (where, paths[0], paths[1], *np.ravel(_reach(numbers[:, :2])))
+        )
+    first = fixes[valid][0]
+    sine = np.sin(np.radians(first[0]))
+    square = FLATTENING * (2 - FLATTENING)
+    across = RADIUS / np.sqrt(1 - square * sine**2)
+    along = across * (1 - square) / (1 - square * sine**2)
+    scale = np.radians(1) * np.array([along, across * np.cos(np.radians(first[0]))])
+    found = numbers.copy()
+    found[:, [north, 1 - north]] = (fixes - first) * scale
+    notes.append(
+        "positions are latitude and longitude: distances north and east of the first fix, %.7f, %.7f deg"
+        % tuple(first)
+    )
+    return found
+
+
+def _reach(numbers: Array) -> Array:
+    """Least and largest of columns (k, 2); NaN without any."""
+    finite = np.where(np.isfinite(numbers), numbers, np.nan)
+    if np.isnan(finite).all(axis=0).any():
+        return np.full((numbers.shape[1], 2), np.nan)
+    return np.column_stack([np.nanmin(finite, axis=0), np.nanmax(finite, axis=0)])
+
+
+def look_geodetic(numbers: Array) -> bool:
+    """Whether positions (n, k) without a unit look like latitude and longitude: they hardly change against
+    their size, and both are angles."""
+    reach = _reach(numbers[:, :2])
+    spread, middle = np.ptp(reach, axis=1), np.abs(reach).max(axis=1)
+    still = (spread > 0).all() and (spread < STILL * middle).all() and spread.max() < 0.1
+    return bool(still and ((middle <= [90, 180]).all() or (middle <= [180, 90]).all()))
+
+
+def _check_degrees(numbers: Array, where: str) -> None:
+    """GroundError where positions without a unit look like latitude and longitude."""
+    if look_geodetic(numbers):
+        reach = _reach(numbers[:, :2])
+        raise GroundError(
+            "%s: positions stay within %.2g of %.6g and %.6g: they look like latitude and longitude in "
+            "degrees; position: {unit: deg} under poses in the mapping makes metres of them (unit: m if they "
+            "are metres)" % (where, np.ptp(reach, axis=1).max(), *np.abs(reach).max(axis=1))
+        )
+
+
+def subtract_origin(rows: Array, notes: List[str]) -> None:
+    """Makes poses (n, 3) that are far from the origin count from the first one, in place."""
+    valid = np.isfinite(rows).all(axis=1)
+    if not valid.any():
+        return
+    middle = np.median(rows[valid, :2], axis=0)
+    if np.abs(middle).max() <= FAR:
+        return
+    near = valid & (np.abs(rows[:, :2] - middle) < FAR).all(axis=1)
+    origin = rows[near][0, :2].copy() if near.any() else middle
+    rows[:, :2] -= origin
+    notes.append(
+        "positions are far from the origin, as coordinates of maps are: x %.3f m, y %.3f m, those of the "
+        "first pose, are subtracted" % tuple(origin)
+    )

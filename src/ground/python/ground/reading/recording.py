@@ -1,0 +1,435 @@
+"""Recordings: poses and commands as they were measured."""
+
+import functools
+import os
+from dataclasses import dataclass, field, fields, replace
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Callable,
+    Dict,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Tuple,
+    TypeVar,
+    Union,
+    cast,
+)
+
+import numpy as np
+
+from ground import _core
+from ground.poses.inertial import InertialSamples
+from ground.reading import units
+from ground.reading.battery import Voltage
+from ground.reading.commands import CHANNELS
+from ground.reading.mapping import LIFT, RANGE
+from ground.reading.run_settings import LiveChange, RunFile, Settings
+from ground.support.annotations import Array, ArrayLike, Path
+from ground.support.errors import GroundError
+from ground.support.origin import digest
+from ground.support.public import public
+from ground.support.results import Plotted, with_units
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+    from ground import Model
+    from ground.poses import repair
+    from ground.poses.low_pass import LowPass
+
+_T = TypeVar("_T")
+
+OVERSHOOT = 0.2  # share of its range by which a command may exceed it, and is clipped
+JUMP_BACK = 0.5  # largest lateness of a message [s]
+SAME_INSTANT = 1e-5  # instants differ by less after rounding [s]
+POSE = ("x", "y", "psi")
+VELOCITY = ("u", "v", "r")
+UNITS = {"t": "s", "x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
+COMMAND = "command."  # before the name of a channel that is also the name of another column
+PREDICTED, RESIDUAL, LOW, HIGH = "_predicted", "_residual", "_low", "_high"  # ends of the names of columns
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Plotted):
+    """One run as it was recorded, on the clock of its header stamps.
+
+    >>> times = np.arange(0, 5, 0.01)  # [s]
+    >>> poses = np.column_stack([0.1 * times, 0 * times, 0 * times])  # it goes north
+    >>> commands = np.column_stack([times > 1, times > 1, times > 0])  # left, right, lift
+    >>> run = Recording.from_arrays(times, poses, commands, name="north")
+    >>> run
+    <Recording north: 4.99 s, 500 poses, 500 commands>
+    >>> frame = run.to_frame()
+    >>> frame.attrs["units"]["u"], round(frame.u.median(), 2)
+    ('m/s', 0.1)
+    >>> Recording.from_frame(frame, name="again").rename("north 2")
+    <Recording north 2: 4.99 s, 500 poses, 500 commands>
+    """
+
+    name: str
+    pose_times: Array  #: (n,) [s], in the order of arrival
+    eta: Array  #: (n, 3) x, y [m], psi [rad], world_ned
+    control_times: Array  #: (m,) [s]
+    controls: Array  #: (m, c) commands by `channels`, 0..1, reversible ones -1..1
+    source: str  #: topics that it was read from
+    clock_offset: float = 0.0  #: to add to the stamps of the poses for the clock of the commands [s]
+    warnings: List[str] = field(default_factory=list)
+    # (k, 2) [s], a row for each drive that the sender recorded (ground_msgs/Drive): when it began, and
+    # the stamp of the last message about it
+    drives: Array = field(default_factory=lambda: np.empty((0, 2)))
+    settings: Settings = field(default_factory=Settings)  #: settings of the mocap
+    flown_by: Dict[str, str] = field(default_factory=dict)  #: run_settings.flown_by
+    files: Dict[str, RunFile] = field(default_factory=dict)  #: by `model`, `room`, `truth`, if recorded
+    changes: List[LiveChange] = field(default_factory=list)  #: changes during the run
+    path: str = ""  #: path of the bag that it was read from
+    namespace: str = ""  #: of its topics
+    channels: Tuple[str, ...] = CHANNELS  #: names of the commands
+    lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
+    noise: Optional[Tuple[float, float]] = None  #: given, of positions [m] and headings [rad]
+    frame_rate: Optional[float] = None  #: given, of the mocap's camera [Hz]
+    inertial: Optional[InertialSamples] = None  #: of the craft's gyro and accelerometer, if recorded
+    payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
+    voltage: Optional[Voltage] = None  #: of the craft's battery, if recorded
+    digest: str = ""  #: of the content of the files that it was read from; empty: none
+    known: Dict[str, Any] = field(default_factory=dict, init=False)  #: results of `once`, no part of the run
+
+    def __getstate__(self) -> Dict[str, Any]:
+        return {**{one.name: getattr(self, one.name) for one in fields(self)}, "known": {}}
+
+    @staticmethod
+    def from_arrays(
+        times: ArrayLike,
+        poses: ArrayLike,
+        commands: ArrayLike,
+        command_times: Optional[ArrayLike] = None,
+        channels: Sequence[str] = CHANNELS,
+        name: str = "recording",
+    ) -> "Recording":
+        """A recording of arrays.
+
+        times: (n,) of the poses [s], in any order of arrival. poses: (n, 3) x, y [m], psi [rad],
+        world_ned. commands: (m, c) by channels, 0 to 1; those of thrusters with other names than left and
+        right may reach from -1. Each is held until the next. command_times: (m,) on the same clock [s];
+        by default those of the poses. channels: names as the model has them, that of the lift last.
+        GroundError says which array is wrong.
+        """
+        stamps = times if command_times is None else command_times
+        rows = _rows("poses", times, poses, POSE)
+        sent = _rows("commands", stamps, commands, channels)
+        if len(rows) > 1 and np.isfinite(rows).all() and units.in_degrees(rows[:, 0], rows[:, 3]):
+            raise GroundError("%s: headings seem to be in degrees: numpy.deg2rad makes them radians" % name)
+        ranges = {one: RANGE if one in CHANNELS else (-1.0, 1.0) for one in channels[:-1]}
+        for one, values in zip(channels, sent[:, 1:].T):
+            low, high = ranges.get(one, RANGE)
+            if np.min(values, initial=low) < low or np.max(values, initial=high) > high:
+                reach = one, values.min(), values.max(), low, high
+                raise GroundError("%s: commands of %s reach from %g to %g, not %g to %g" % (name, *reach))
+        found = checked(name, rows, sent, "arrays", [], channels, ranges)
+        return replace(found, name=name, lift_channel=channels[-1])
+
+    @staticmethod
+    def from_frame(frame: "pandas.DataFrame", name: str = "recording") -> "Recording":
+        """A recording of a table as `to_frame` gives it: columns t, x, y, psi and one for each channel, that
+        of the lift last; a row for each pose. Velocities are not taken: they are smoothed from the poses.
+        Rows without a command (NaN) have none. GroundError when a column is missing."""
+        missing = [column for column in ("t", *POSE) if column not in frame]
+        if missing:
+            raise GroundError("%s: the table has no column %s" % (name, ", ".join(missing)))
+        columns = [c for c in frame if unit(c) == "1"]
+        commands = frame[columns].to_numpy(float)
+        given, times = np.isfinite(commands).any(axis=1), frame["t"].to_numpy(float)
+        return Recording.from_arrays(
+            times,
+            frame[list(POSE)].to_numpy(float),
+            commands[given],
+            times[given],
+            [c[len(COMMAND) :] if c.startswith(COMMAND) else c for c in columns],
+            name,
+        )
+
+    def with_payload(
+        self, mass: float, place: Tuple[float, float] = (0.0, 0.0), inertia: float = 0.0
+    ) -> "Recording":
+        """The same run of a craft that carried a load: its mass [kg], the place of its centre of mass forward
+        and to starboard [m], its inertia about that [kg m^2]."""
+        return replace(self, payload=_core.Payload(mass, place, inertia))
+
+    def rename(self, name: str) -> "Recording":
+        """The same run under another name, by which tables and files call it."""
+        return replace(self, name=name)
+
+    @functools.cached_property
+    def identity(self) -> str:
+        """What tells the run from others, whatever its name and place: a digest of the files that it was
+        read from, or of the numbers of a recording in memory."""
+        if self.digest:
+            return self.digest
+        arrays = [self.pose_times, self.eta, self.control_times, self.controls]
+        if self.inertial is not None:
+            arrays += [self.inertial.times, self.inertial.yaw_rate, self.inertial.acceleration]
+        if self.voltage is not None:
+            arrays += [self.voltage.times, self.voltage.volts]
+        return digest(np.asarray(array, float).tobytes() for array in arrays)
+
+    @functools.cached_property
+    def motion(self) -> "repair.Motion":
+        """The repaired poses, and velocities; as before a low-pass of the mocap. GroundError when too little
+        of them is left."""
+        if "motion" in self.known:
+            return cast("repair.Motion", self.known["motion"])
+        from ground.poses import smoothed
+
+        motion = self.as_before(None)
+        found = smoothed.recognised(self.thrust, self.averaged, motion)
+        return motion if found is None else self.as_before(found)
+
+    def as_before(self, low_pass: "Optional[LowPass]") -> "repair.Motion":
+        """The repaired poses, and velocities; as before a low-pass of the mocap, or as they were measured."""
+        from ground.poses import repair  # only few uses of a recording need its motion
+
+        given = self.name, self.pose_times, self.eta, self.clock_offset, self.noise, self.frame_rate
+        return repair.repair(*given, low_pass)
+
+    @property
+    def duration(self) -> float:
+        """From the first pose to the last one [s]."""
+        return float(np.ptp(self.pose_times))
+
+    @property
+    def bag(self) -> str:
+        """Name of its bag's file, or its own name."""
+        return os.path.basename(self.path) or self.name
+
+    @property
+    def thrusters(self) -> Tuple[str, ...]:
+        """Names of the channels that are thrusters."""
+        return tuple(name for name in self.channels if name != self.lift_channel)
+
+    @property
+    def thrust(self) -> Array:
+        """Commands of the thrusters (m, n)."""
+        return self.commands_of(self.thrusters)
+
+    @property
+    def lift(self) -> Array:
+        """Command of the lift fan (m,); zeros where there is no such channel."""
+        if self.lift_channel not in self.channels:
+            return np.zeros(len(self.control_times))
+        return np.asarray(self.controls[:, self.channels.index(self.lift_channel)])
+
+    def with_lift_of(self, model: _core.Model) -> "Recording":
+        """The same with the model's channel as its lift, where its own names none of the commands."""
+        lift = model.channels[-1]
+        known = self.lift_channel in self.channels or lift not in self.channels
+        return self if known else replace(self, lift_channel=lift)
+
+    def commands_of(self, names: Sequence[str]) -> Array:
+        """Commands of some channels (m, len(names)). GroundError for a channel that is missing."""
+        missing = [name for name in names if name not in self.channels]
+        if missing:
+            raise GroundError(
+                "%s: no command is named %s, which the model expects; the commands are %s: name the "
+                "channels in a mapping as the model names its thrusters"
+                % (self.name, " or ".join(missing), ", ".join(self.channels))
+            )
+        return np.asarray(self.controls[:, [self.channels.index(name) for name in names]])
+
+    def held(self, values: Array, times: Array) -> Array:
+        """The values (m, ...) of the commands that hold at some times [s]; 0 before the first command."""
+        at = np.searchsorted(self.control_times, times, side="right") - 1
+        found = np.asarray(values[np.maximum(at, 0)])
+        found[at < 0] = 0
+        return found
+
+    def averaged(self, values: Array, times: Array, width: float) -> Array:
+        """Means of the values (m, k) of the commands over a width [s] about some times [s]; 0 before the
+        first command."""
+        begins = self.control_times
+        total = np.vstack([0 * values[:1], np.cumsum(values[:-1] * np.diff(begins)[:, None], axis=0)])
+        edges = times + 0.5 * width * np.array([[-1.0], [1.0]])
+        after = np.maximum(edges - begins[-1], 0)[..., None] * values[-1]
+        at = np.stack([np.interp(edges, begins, column) for column in total.T], axis=-1) + after
+        return np.asarray((at[1] - at[0]) / width)
+
+    def to_frame(
+        self, raw: bool = False, model: "Union[Model, Path, None]" = None, horizon: float = 1.5
+    ) -> "pandas.DataFrame":
+        """The repaired motion and the commands held at its times: columns t [s] since the first pose, x,
+        y [m], psi [rad], u, v [m/s], r [rad/s], and a column for each channel (NaN before the first
+        command; named command.r where a channel is named r). Units are in attrs["units"].
+
+        raw: the poses as they were measured, in order of time and without velocities. Both are on the
+        clock of the commands. model: adds columns NAME_predicted and NAME_residual (measured minus
+        predicted), of `predict` with that horizon [s]; NaN where it predicts nothing. GroundError when
+        poses cannot be repaired."""
+        import pandas
+
+        from ground.poses import headings, repair
+
+        if raw:
+            times = repair.on_commands_clock(self.pose_times, self.clock_offset)
+            order = np.argsort(times, kind="stable")
+            times, motion, names = times[order], self.eta[order], list(POSE)
+        else:
+            times, names = self.motion.times, [*POSE, *VELOCITY]
+            eta = self.motion.measured
+            motion = np.column_stack([eta[:, :2], headings.wrap(eta[:, 2]), self.motion.nu])
+        commands = self.held(self.controls, times)
+        commands[times < self.control_times[0]] = np.nan
+        taken = ["t", *names]
+        channels = [COMMAND + name if name in taken else name for name in self.channels]
+        rows = np.column_stack([times - times[0], motion, commands])
+        frame = pandas.DataFrame(rows, columns=taken + channels)
+        if model is not None:
+            made = public("predict")(model, self, horizon)
+            at = np.searchsorted(times, made.times + made.zero - SAME_INSTANT)
+            for i, name in enumerate((*POSE, *VELOCITY)):
+                for end, values in ((PREDICTED, made.predicted), (RESIDUAL, made.residuals)):
+                    frame[name + end] = np.nan
+                    frame.iloc[at, -1] = values[:, i]
+        return with_units(frame, {name: unit(name) for name in frame})
+
+    def to_xarray(self, raw: bool = False, model: "Union[Model, Path, None]" = None) -> "xarray.Dataset":
+        """The columns of `to_frame` as variables over t, each with its units. GroundError where xarray is
+        not installed."""
+        try:
+            import xarray
+        except ImportError:
+            raise GroundError("to_xarray needs the package xarray: pip install xarray")
+        frame = self.to_frame(raw, model).set_index("t")
+        found = xarray.Dataset.from_dataframe(frame)
+        for name, values in found.variables.items():
+            values.attrs["units"] = unit(str(name))
+        return found
+
+    def __repr__(self) -> str:
+        counts = self.duration, len(self.pose_times), len(self.control_times)
+        return "<%s %s: %.2f s, %d poses, %d commands>" % (type(self).__name__, self.name, *counts)
+
+
+def _rows(what: str, times: ArrayLike, values: ArrayLike, names: Sequence[str]) -> Array:
+    """Rows of time and values. GroundError when their shapes do not fit."""
+    try:
+        stamps, rows = np.asarray(times, float), np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise GroundError("%s: not numbers (%s)" % (what, error))
+    if stamps.ndim != 1 or rows.shape != (len(stamps), len(names)):
+        shapes = what, rows.shape, stamps.shape, len(names), ", ".join(names)
+        raise GroundError(
+            "%s have the shape %s and their times %s; they need (n, %d) for %s, and (n,)" % shapes
+        )
+    return np.column_stack([stamps, rows])
+
+
+def unit(column: str) -> str:
+    """Unit of a column of a table of a run; "1" of a command."""
+    for end in (PREDICTED, RESIDUAL, LOW, HIGH):
+        if column.endswith(end):
+            column = column[: -len(end)]
+    return UNITS.get(column, "1")
+
+
+def once(function: Callable[[Recording], _T]) -> Callable[[Recording], _T]:
+    """A function whose result the Recording keeps."""
+    name = "%s.%s" % (function.__module__, function.__name__)
+
+    @functools.wraps(function)
+    def remembered(recording: Recording) -> _T:
+        if name not in recording.known:
+            recording.known[name] = function(recording)
+        return cast(_T, recording.known[name])
+
+    return remembered
+
+
+def checked(
+    path: str,
+    poses: ArrayLike,
+    controls: ArrayLike,
+    source: str,
+    warnings: List[str],
+    channels: Sequence[str] = CHANNELS,
+    ranges: Optional[Mapping[str, Tuple[float, float]]] = None,
+) -> Recording:
+    """A Recording of rows of stamp, x, y, psi and of stamp and a command for each channel.
+
+    ranges: (least, most) by channel, where they are not 0..1. GroundError names `path` and what is
+    wrong with the rows.
+    """
+    poses, controls = np.array(poses, float), np.array(controls, float)
+    for what, rows in (("poses", poses), ("controls", controls)):
+        if len(rows) < 2:
+            raise GroundError("%s: only %d %s" % (path, len(rows), what))
+        bad = ~np.isfinite(rows).all(axis=1)
+        if bad.any():
+            raise GroundError(
+                "%s: %d of %d %s are not finite, the first is number %d"
+                % (path, bad.sum(), len(rows), what, np.argmax(bad) + 1)
+            )
+        times = rows[:, 0]
+        if times.max() == times.min():
+            raise GroundError(
+                "%s: all %s have the same stamp, %.3f s: their headers were not filled in; time: "
+                "receipt in a mapping takes the recorder's clock" % (path, what, times[0])
+            )
+        back = np.diff(times)
+        if back.min() < -JUMP_BACK:
+            raise GroundError(
+                "%s: the stamps of the %s jump back by %.2f s at number %d: the clock was set, or "
+                "these are two runs" % (path, what, -back.min(), np.argmin(back) + 2)
+            )
+    every = controls[:, 1:].copy()
+    for name, values in zip(channels, controls[:, 1:].T):
+        _limit(path, name, every, values, (ranges or {}).get(name, RANGE), warnings)
+    if units.in_degrees(poses[:, 0], poses[:, 3]):
+        raise GroundError(
+            "%s: headings reach %.0f and change by up to %.1f from pose to pose: they seem to be in "
+            "degrees, but radians are needed; heading: {field: NAME, unit: deg} under poses in a "
+            "mapping turns them into radians"
+            % (path, np.abs(poses[:, 3]).max(), np.abs(np.diff(poses[:, 3])).max())
+        )
+    controls = controls[np.argsort(controls[:, 0], kind="stable")]
+    return Recording(
+        name=os.path.splitext(os.path.basename(path))[0],
+        pose_times=poses[:, 0],
+        eta=poses[:, 1:],
+        control_times=controls[:, 0],
+        controls=controls[:, 1:],
+        source=source,
+        warnings=warnings,
+        channels=tuple(channels),
+    )
+
+
+def _limit(
+    path: str, name: str, every: Array, values: Array, limits: Tuple[float, float], warnings: List[str]
+) -> None:
+    """Clips a command to the range of its channel, in place, and counts. every: commands of all channels.
+    GroundError when it exceeds the range by more than OVERSHOOT of it."""
+    low, high = values.min(), values.max()
+    if low >= limits[0] - 1e-9 and high <= limits[1] + 1e-9:
+        return
+    room = OVERSHOOT * (limits[1] - limits[0])
+    if low >= limits[0] - room and high <= limits[1] + room:
+        outside = int(((values < limits[0] - 1e-9) | (values > limits[1] + 1e-9)).sum())
+        warnings.append(
+            "command %s reaches from %.4g to %.4g: %d of %d values are beyond %g to %g and were clipped"
+            % (name, low, high, outside, len(values), *limits)
+        )
+        np.clip(values, *limits, out=values)
+        return
+    unit = units.command_unit(every[every != 0]) if (every != 0).any() else None
+    raise GroundError(
+        "%s: commands must be between %g and %g but reach from %g to %g%s; name their unit, or the values "
+        "off and full, in a mapping (identify info --write-mapping drafts one)%s"
+        % (
+            path, *limits, every.min(), every.max(),
+            ", which looks like %s" % unit if unit in ("percent", "microseconds") else "",
+            "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at -1 has "
+            "off: -1, full: 1" if -1 <= low < 0 else "",
+        )
+    )  # fmt: skip

@@ -1,0 +1,101 @@
+"""What numbers are probably measured in: evidence for drafts of mappings and for suspicions."""
+
+from typing import Optional, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.reading.mapping import LENGTHS
+from ground.support.annotations import Array
+
+FASTEST = 15.0  # that a craft in a room goes [m/s]
+HASTY = 3.0  # the same of one whose poses are as noisy as in another unit
+CLEARLY = 2.0  # typical deviations by which the metre has to be less likely then
+ALIKE = 1.7  # typical deviations within which units are as likely: those of cm and inches are
+TYPICAL_SPEED = 0.6  # speed of a miniature hovercraft [m/s]
+TYPICAL_NOISE = 3e-4  # standard deviation of a mocap [m]
+SPEED_STEP = 0.1  # over which speeds are taken [s]
+TURN = 60.0  # faster turns are those of degrees [rad/s]
+# Axes by the vertical one of the mocap's, up and down.
+VERTICAL = (("y, -z, -x", "y, z, x"), ("x, z, -y", "x, -z, y"), ("x, -y, -z", "x, y, z"))
+
+
+def speed(times: Array, positions: Array, step_time: float = SPEED_STEP) -> float:
+    """The speed that is exceeded 5% of the time, per second of times (n,) and in the unit of positions
+    (n, k), over steps of some time [s]."""
+    order = np.argsort(times, kind="stable")
+    times, positions = times[order], positions[order]
+    ahead = np.searchsorted(times, times + step_time)
+    inside = ahead < len(times)
+    if not inside.any():
+        return 0.0
+    step = positions[ahead[inside]] - positions[inside]
+    apart = times[ahead[inside]] - times[inside]
+    return float(np.quantile(np.linalg.norm(step, axis=1) / apart, 0.95))
+
+
+def length_units(
+    times: Array, positions: Array, noise: Optional[float] = None
+) -> Tuple[Tuple[str, ...], float]:
+    """The units that positions (n, k) are probably in where that is not the metre, the most probable first,
+    and their speed; by their noise as well where it is known."""
+    # over a time in which noise is no speed that no craft has
+    fast = speed(times, positions, max(SPEED_STEP, 20 * (noise or 0.0) / HASTY))
+    noisy = noise is not None and noise > 0
+
+    def unlikely(unit: str) -> float:
+        off = abs(np.log(LENGTHS[unit] * fast / TYPICAL_SPEED)) / np.log(2.5)
+        if noise is not None and noise > 0:
+            off += abs(np.log(LENGTHS[unit] * noise / TYPICAL_NOISE)) / np.log(4)
+        return float(off)
+
+    if fast < (HASTY if noisy else FASTEST):
+        return (), fast
+    ranked = sorted(LENGTHS, key=unlikely)
+    least = unlikely(ranked[0])
+    if ranked[0] == "m" or (fast < FASTEST and unlikely("m") - least < CLEARLY):
+        return (), fast
+    return tuple(unit for unit in ranked if unlikely(unit) - least < ALIKE), fast
+
+
+def command_unit(values: Array) -> Optional[str]:
+    """The unit that commands are probably in where they are not normalised; None where no unit of
+    mappings fits."""
+    low, high = float(values.min()), float(values.max())
+    if 800 <= low and high <= 2200:
+        return "microseconds"
+    if high > 10 and -100 <= low and high <= 100:
+        return "percent"
+    return "normalised" if -1 <= low and high <= 1 else None
+
+
+def in_degrees(times: Array, headings: Array) -> bool:
+    """Whether headings (n,) are probably in degrees."""
+    if np.abs(headings).max() <= 2 * np.pi:
+        return False
+    steps = np.abs(np.diff(headings))
+    if np.abs(headings).max() < 361 and (np.abs(steps - 360) < 60).any():
+        return True
+    # Unwrapped radians have no jumps and change more slowly.
+    return speed(times, headings[:, None]) > TURN
+
+
+def likely_axes(rows: Array) -> Tuple[str, float]:
+    """The axes that most poses fit, rows of position and quaternion (n, 7), and the share of those; of equal
+    ones those whose vertical moves least."""
+    shares = np.array([_upright(rows, pair[0]) for pair in VERTICAL])
+    best = int(np.lexsort([np.ptp(rows[:, :3], axis=0), -shares])[0])
+    is_up = np.median(rows[:, best]) >= 0
+    return VERTICAL[best][0 if is_up else 1], float(shares[best])
+
+
+def _upright(rows: Array, axes: str) -> float:
+    """Share of poses that fit axes."""
+    mapping = _core.AxisMapping(axes, 0.0)
+    return float(np.isfinite(mapping.to_planar_rows(rows[:, :3].copy(), rows[:, 3:].copy())[:, 0]).mean())
+
+
+def upside_down(axes: str) -> str:
+    """Axes with the vertical one, and one that makes the frame right-handed again, the other way."""
+    x, *others = (word.strip() for word in axes.split(","))
+    return ", ".join([x, *(word[1:] if word.startswith("-") else "-" + word.lstrip("+") for word in others)])

@@ -1,1 +1,0 @@
-"""Recordings: reading bags, repairing and checking them, and cutting them into windows."""
