@@ -176,18 +176,6 @@ def test_a_frame_has_units_and_what_a_model_predicts():
     assert right.psi_residual.abs().mean() < 0.5 * known.psi_residual.abs().mean()
 
 
-def test_a_recording_is_a_dataset_of_xarray_where_that_is_installed():
-    run = ground.simulate(MODEL, "prbs", duration=6)
-    try:
-        import xarray  # noqa: F401
-    except ImportError:
-        with pytest.raises(ground.GroundError, match="pip install xarray"):
-            run.to_xarray()
-        return
-    found = run.to_xarray()
-    assert found.u.attrs["units"] == "m/s" and found.sizes["t"] == len(run.to_frame())
-
-
 # --- copies in other processes
 
 
@@ -286,20 +274,6 @@ def test_a_column_without_values_renames_none(place, tmp_path):
         tmp_path / "other.csv", lambda rows: [row[:place] + [""] + row[place:] for row in rows], columns
     )
     assert same_run(read_table(table), wanted)
-
-
-def test_a_column_without_values_heads_those_whose_names_repeat(tmp_path):
-    """As exports of bags have them."""
-    columns = ["t", "position", "x", "y", "angle", "x", "y", "z", "left", "right", "lift"]
-
-    def grouped(rows):
-        return [[t, "", x, y, "", 0.0, 0.0, psi, *rest] for t, x, y, psi, *rest in rows]
-
-    table = csv_run(tmp_path / "run.csv", grouped, columns)
-    mapping = MAPPING.replace("[x, y]", "[position.x, position.y]").replace("psi", "angle.z")
-    for name in ("left", "right"):  # lift is found without its heading
-        mapping = mapping.replace("field: " + name, "field: angle." + name)
-    assert same_run(read_table(table, mapping), read_table(csv_run(tmp_path / "plain.csv")))
 
 
 # --- permissions of files
