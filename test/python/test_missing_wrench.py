@@ -5,7 +5,7 @@ import pytest
 
 from conftest import MODEL, run_data
 from ground import _core
-from ground.analysis import missing_wrench, residuals
+from ground.analysis import missing_wrench
 
 
 def model():
