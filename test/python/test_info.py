@@ -188,16 +188,6 @@ def test_mirrored_headings_are_undone(centre):
     assert np.sqrt(np.mean((motion.nu[:, 2] - nu[kept, 2]) ** 2)) < 0.3
 
 
-def test_frozen_poses_are_a_gap():
-    times, eta, nu, inputs = frames()
-    eta[400:430] = eta[400]
-    motion = recorded(times, eta, inputs).motion
-    assert motion.repairs["frozen poses dropped"] == 29
-    assert np.diff(motion.times).max() == pytest.approx(30 / 120, abs=1e-3)
-    still = recorded(times[:200], np.zeros((200, 3)), inputs).motion
-    assert still.repairs["frozen poses dropped"] == 0, "a craft may rest"
-
-
 def test_a_gap_in_a_fast_spin_adds_no_turns():
     times = np.arange(0, 6, 0.01)
     for phase in np.arange(0, 2 * np.pi, 0.5):
