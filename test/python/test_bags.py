@@ -1,7 +1,6 @@
 """Bags: every compression and layout reads the same, damage is said, and nothing of a file becomes code."""
 
 import io
-import os
 import pickle
 
 import numpy as np

@@ -400,16 +400,9 @@ def test_a_misspelt_argument_is_noticed_in_every_launch_file(name):
     assert check["undeclared"](["%s:=1" % names[0]], declared) is None
 
 
-@pytest.mark.parametrize(
-    "wrong, reason",
-    [
-        ("reference:=circel", "it must be one of"),
-        ("rvizz:=false", "no argument rvizz; did you mean rviz?"),
-    ],
-)
-def test_a_wrong_argument_ends_a_launch_before_anything_starts(wrong, reason):
-    status, output = output_of("ground", "sim_tracking.launch", wrong)
-    assert status == 1 and "%s: %s" % (wrong, reason) in output
+def test_a_wrong_argument_ends_a_launch_before_anything_starts():
+    status, output = output_of("ground", "sim_tracking.launch", "rvizz:=false")
+    assert status == 1 and "rvizz:=false: no argument rvizz; did you mean rviz?" in output
     for word in ("started with pid", "FATAL", "Traceback"):
         assert word not in output, output
 
@@ -463,12 +456,11 @@ def test_a_second_launch_is_refused_and_the_first_one_drives_on(tmp_path):
         assert "started with pid" not in output and "Traceback" not in output, output
         # Another craft in a namespace of its own would get a second /clock, or simulated time.
         free = "port:=%d" % free_port(socket.SOCK_DGRAM)
-        for name, more, reason in (
-            ("sim_prbs.launch", [], "/ground_manager publishes /clock already"),
-            ("room_prbs.launch", ["mocap_host:=127.0.0.1", "rviz:=false"], "/use_sim_time is true"),
-            ("bench.launch", [], "/use_sim_time is true"),
+        for name, reason in (
+            ("sim_prbs.launch", "/ground_manager publishes /clock already"),
+            ("bench.launch", "/use_sim_time is true"),
         ):
-            status, output = output_of("ground", name, free, *more, ROS_NAMESPACE="b", **master)
+            status, output = output_of("ground", name, free, ROS_NAMESPACE="b", **master)
             assert status == 1 and "started with pid" not in output, output
             assert sum(line.startswith(reason) for line in output.splitlines()) == 1, output
         # On a master of its own, only the port is shared.
