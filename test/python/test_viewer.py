@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import time
+import xml.etree.ElementTree
 from unittest import mock
 
 import numpy as np
@@ -24,6 +25,7 @@ import foxglove
 
 import foxglove_client
 
+LAYOUTS = ROOT / "cfg" / "foxglove" / "ground.json", ROOT / "cfg" / "plotjuggler" / "ground.xml"
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
 EXACT = 1e-12  # relative
 HOSTILE = 'a<b>\x1b[31m\x00 "\\\u202e\ud800\n<script>alert(1)</script>'
@@ -183,6 +185,23 @@ def test_without_the_library_a_sentence_says_what_to_install(run, tmp_path):
             with mock.patch.object(sys, "version_info", version):
                 with pytest.raises(ground.GroundError, match=re.escape(words)):
                     ground.to_mcap(run, tmp_path / "run.mcap")
+
+
+def test_layouts_show_only_channels_that_there_are():
+    known = {topic + "." + f for topic, kind in channels.KINDS.items() for f in (*kind.numbers, *kind.texts)}
+    known |= {"%s.%s" % (topic, name) for topic in channels.COMMANDS for name in ("left", "right", "lift")}
+    text, tree = LAYOUTS[0].read_text(), xml.etree.ElementTree.parse(str(LAYOUTS[1])).getroot()
+    layout = json.loads(text)
+    panels = layout["configById"]
+    paths = {p["value"] for panel in panels.values() for p in panel.get("paths", [])}
+    curves = {c.get("name") for c in tree.iter("curve")} - {s.get("name") for s in tree.iter("snippet")}
+    curves |= {e.text for s in tree.iter("snippet") for e in s.iter() if (e.text or "").startswith("/")}
+    assert len(paths) > 10 and len(curves) > 10
+    assert paths <= known and {re.sub("/([^/]*)$", r".\1", name) for name in curves} <= known
+    shown = {topic for panel in panels.values() for topic in panel.get("topics", {})}
+    assert shown and shown <= set(channels.SCENES)
+    placed = set(re.findall(r'"((?:first|second|layout)": "|)([A-Za-z0-9]+![a-z]+)"', text))
+    assert {name for _, name in placed} == set(panels), "every panel has a place"
 
 
 class Shown:
