@@ -87,6 +87,16 @@ def test_the_predictive_controller_tracks(kind):
     assert medians(controller, truth, model, task, starts)["rms"] < wrong
 
 
+@pytest.mark.parametrize("smooth", [False, True])
+def test_the_predictive_controller_stops_at_the_end_of_a_line(smooth):
+    from ground.simulation import gains, tracking
+
+    task, model = tracking.task("line", smooth=smooth), load(MODEL)
+    task.until = task.reference.extent() + tracking.AFTER_STOP + 1
+    found = medians(gains.choice("ModelPredictive"), model, model, task, tracking.starts(STARTS, 3))
+    assert found["after_stop_max"] < 10e-3
+
+
 @pytest.mark.parametrize("effect", HIDDEN)
 def test_a_better_model_tracks_better(effect, tmp_path):
     """Hides an effect, fits the model with and without it to PRBS runs, and tracks with both."""
