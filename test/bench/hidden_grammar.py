@@ -18,7 +18,6 @@ import math
 
 import numpy as np
 
-ARGUMENTS = ("heading", "place", "velocity", "command", "past", "time", "run")
 VARIABLES = ("t", "x", "y", "psi", "u", "v", "r", "left", "right", "lift")
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "sqrt", "hypot")
 

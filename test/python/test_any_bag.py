@@ -282,14 +282,6 @@ def test_messages_whose_time_of_receipt_is_damaged_are_left_out(sound, tmp_path)
     assert "received after the year 2262 were left out (1)" in " ".join(found.warnings)
 
 
-def test_a_profile_need_not_be_named(sound, tmp_path):
-    pytest.importorskip("mcap")
-    _, mapping, wanted = sound
-    (found,) = ground.read(cdr_in(tmp_path / "run.mcap", profile=""), mapping=mapping)
-    same(found, wanted)
-    assert found.warnings == []
-
-
 def test_messages_of_ros1_in_mcap(sound, tmp_path):
     pytest.importorskip("mcap")
     import io
@@ -485,7 +477,7 @@ def test_a_bag_of_a_killed_recorder_is_found_in_its_folder(tmp_path):
     assert len(run.eta) > 200
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("kind", ["mcap", "db3", "bag"])
 def test_damage_anywhere_is_read_or_refused_in_a_sentence(sound, tmp_path, kind, seed):
     source, mapping, _ = sound
@@ -562,7 +554,7 @@ commands: {topic: motors, channels: {left: {field: "u[0]"}, right: {field: "u[1]
 """
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_resets_of_the_estimator_are_undone_by_their_counters(seed, tmp_path):
     """Of positions and headings, at any times and of any size, by counters of 8 bits that begin anywhere."""
     pytest.importorskip("pyulog")

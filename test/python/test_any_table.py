@@ -475,12 +475,6 @@ def test_lost_digits_are_named_and_a_rate_takes_their_place(run, tmp_path):
     assert "lost their last digits" in draft.read_text()
 
 
-def test_rows_that_are_repeated_have_not_lost_digits(run, tmp_path):
-    columns = {name: np.repeat(column, 5) for name, column in plain(run).items()}
-    found = mapped(written(tmp_path, columns))
-    assert found.motion.measured[:, :2] == pytest.approx(run.eta[:, :2], abs=1e-3)
-
-
 def test_frames_are_times_by_their_rate(run, tmp_path):
     frames = numbers(np.arange(len(run.x)) + 100, "%d")
     columns = {"frame": frames, **plain(run, t=None)}
@@ -725,15 +719,6 @@ def test_a_draft_looks_at_the_commands_of_all_rows_and_runs(run, tmp_path):
         result = identify("info", path, "--write-mapping", draft, "--force")
         assert result.returncode == 0, result.stderr
         assert draft.read_text().count("full: 200}") == 2, draft.read_text()
-
-
-def test_a_time_a_period_and_a_sensor_are_no_commands(run, tmp_path):
-    more = {"MPC_Start_Time": run.times - START, "CONTROL_DT": 0 * run.x + 0.06, "gyro_z": run.psi * 0.1,
-            "u": run.left, "v": run.left, "r": run.right, "wind_speed": run.x, "error_x": run.x}  # fmt: skip
-    names = "valve_0|valve_1|valve_2"
-    columns = {**plain(run, left=None, right=None, lift=None), **more}
-    columns.update(zip(names.split("|"), (run.left, run.right, run.lift)))
-    same(drafted(written(tmp_path, columns), tmp_path), run, channels=tuple(names.split("|")))
 
 
 def test_a_table_whose_columns_have_no_names_is_listed_for_who_completes_the_draft(run, tmp_path):

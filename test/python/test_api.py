@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, identify, slow, write_bag
+from conftest import MODEL, ROOT, slow, write_bag
 from ground.support.public import HOMES
 
 GAINS = ROOT / "cfg" / "gains" / "tiny_whoover.yaml"
@@ -83,15 +83,6 @@ def test_a_slip_is_one_clear_line(wrong, words):
     with pytest.raises(ground.GroundError, match=words) as error:
         wrong(ground.Model.load(MODEL))
     assert "\n" not in str(error.value)
-
-
-def test_values_are_read_and_changed_by_name():
-    craft = ground.Model.load(MODEL).with_effect("yaw_bias", n0=1e-4)
-    assert craft.with_values(k=0.07) == craft.with_values({"k": 0.07})
-    both = craft.with_values({"yaw_bias.n0": 2e-4}, k=0.07)
-    assert (both["k"], both["yaw_bias.n0"]) == (0.07, 2e-4)
-    with pytest.raises(KeyError):  # as a dictionary does
-        craft["kk"]
 
 
 def test_a_model_that_comes_with_ground_is_loaded_by_its_name(tmp_path, monkeypatch):
@@ -169,21 +160,6 @@ def test_results_are_frozen_and_show_themselves(flown):
     frame = found.to_frame()
     assert frame.loc["k", "low"] < frame.loc["k", "value"] < frame.loc["k", "high"]
     assert ground.Model.load(MODEL).to_frame().loc["m", "unit"] == "kg"
-
-
-def test_a_verb_prints_the_result_of_its_function(flown, tmp_path):
-    result = identify("fit", flown, "--model", MODEL, "-o", tmp_path / "m.yaml", "--json")
-    assert result.returncode == 0, result.stderr
-    printed = json.loads(result.stdout)
-    found = ground.fit(MODEL, flown)
-    given = json.loads(json.dumps(found.to_dict()))
-    assert printed["parameters"].keys() == given["parameters"].keys()
-    for name, p in given["parameters"].items():
-        assert printed["parameters"][name]["value"] == pytest.approx(p["value"], rel=1e-6)
-    assert printed["error"]["after"] == pytest.approx(given["error"]["after"], rel=1e-6)
-    saved = ground.Model.load(tmp_path / "m.yaml")
-    assert saved["k"] == pytest.approx(found.model["k"], rel=1e-6)
-    assert saved.core.provenance.bags == ["run.bag"]
 
 
 def test_a_run_need_not_be_written_to_be_fitted_to(flown):

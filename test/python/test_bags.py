@@ -1,7 +1,6 @@
 """Bags: every compression and layout reads the same, damage is said, and nothing of a file becomes code."""
 
 import io
-import os
 import pickle
 
 import numpy as np
@@ -11,7 +10,6 @@ import rosbag
 import ground
 from conftest import identify, write_bag
 from ground.reading import bags, containers, messages, readers
-from ground.support.errors import GroundError
 
 KINDS = {
     "plain": dict(),
@@ -169,9 +167,3 @@ def test_a_recording_can_be_pickled(whole):
     again = pickle.loads(pickle.dumps(run))
     assert np.array_equal(again.eta, run.eta) and again.identity == run.identity
     assert np.array_equal(again.motion.nu, run.motion.nu)
-
-
-def test_a_folder_is_no_bag(tmp_path):
-    os.mkdir(tmp_path / "run.bag")
-    with pytest.raises(GroundError, match="no bag or bag of ROS 2 or table in this folder"):
-        ground.read(tmp_path / "run.bag")

@@ -7,13 +7,10 @@ import pytest
 
 import hidden_cases
 from conftest import slow
-from ground import _core
 from ground.analysis import bands, folds, window_error, windows
 from ground.analysis.horizon import Starts
 from ground.analysis.likelihood import Likelihood
-from ground.diagnosing import words
 from ground.reading.recording import POSE, VELOCITY
-from ground.reports import figures
 
 SEEDS = range(6)
 
@@ -80,42 +77,3 @@ def test_a_single_run_is_predicted_by_its_other_quarters(cases):
     starts = [p.times[0] for p in found.predictions]
     assert starts == sorted(starts) and len(set(starts)) == len(starts)
     assert starts[0] < alone[0].times[0] + 1 and starts[-1] > alone[0].times[-1] - 2
-
-
-def test_predictions_follow_each_other_and_end_at_gaps(cases):
-    run = cases[1][0][0]
-    times = np.array(run.times)
-    kept = (times < times[0] + 3.2) | (times > times[0] + 3.6)
-    cut = _core.RunData(
-        run.name,
-        times[kept],
-        np.array(run.eta)[kept],
-        np.array(run.nu)[kept],
-        np.array(run.inputs),
-        np.array(run.poses)[kept],
-        np.array(run.noise),
-        run.drives,
-    )
-    (found,) = bands.of_others([cut], cases[1][2], 160)
-    assert found.predictions
-    for one in found.predictions:
-        assert np.diff(one.times).max(initial=0) < 0.1
-        assert (one.low <= one.high).all()
-    for horizon in (1.5 * part for part in bands.HORIZONS):
-        tiles = found.tiled(horizon)
-        assert max(t[-1] - t[0] for t, _, _ in tiles) <= horizon
-        ends = [t[-1] for t, _, _ in tiles]
-        assert all(t[0] > end - 1.5 * bands.TOLERANCE for (t, _, _), end in zip(tiles[1:], ends))
-
-
-def test_the_plot_shows_bands_below_all_curves(cases):
-    from ground.reports import inspection
-
-    runs, _, fit = cases[0]
-    found = of_folds(cases[0])[0]
-    drawn = figures.motion([inspection.inspect(runs[0], fit.model, "model")], found)
-    traces = [t for t in drawn["data"] if t.get("name") == "90% band"]
-    assert len(traces) == 3 and drawn["data"][:3] == traces
-    (said,) = words.bands({"bands": bands.coverage([found])})
-    assert "90% prediction bands contain" in said
-    assert not list(words.bands({"bands": []}))

@@ -1,7 +1,6 @@
 """How much of a model's error any function of what was recorded could still explain."""
 
 import math
-import re
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from ground.analysis import (
     dictionary,
     naming,
     samples,
-    scalars,
     window_error,
     windows,
 )
@@ -135,13 +133,6 @@ def test_what_depends_on_the_heading_is_learnable_in_its_true_share(turning):
     assert left.left.low - 0.02 < truth < left.left.high + 0.02
 
 
-def test_shares_sum_to_one(turning, pushed):
-    for left in (turning[2][3], pushed[1][3]):
-        shares = (left.named, left.learnable, left.chance)
-        assert sum(share.value for share in shares) == pytest.approx(1)
-        assert all(share.low <= share.value <= share.high <= 1 for share in shares)
-
-
 def test_a_moment_by_heading_gets_its_name_and_size(turning):
     _, _, (likelihood, fit, _, left) = turning
     formula = naming.formula(likelihood, fit, left.found.regression)
@@ -195,13 +186,6 @@ def regression_of(likelihood, fit, formulas):
     return Regression(Innovations(likelihood, fit), features, sampled, [1] * len(features))
 
 
-def test_what_the_parameters_can_follow_is_no_feature(pushed):
-    _, (likelihood, fit, _, _) = pushed
-    own = [{"X": "u"}, {"Y": "v"}, {"N": "r"}, {"thrust_L": "u_L", "thrust_R": "u_R"}]
-    others = [{"N": "sin(psi)"}, {"Y": "u*v"}, {"X": "abs(u)*u"}]
-    assert regression_of(likelihood, fit, own + others).active.tolist() == [False] * 4 + [True] * 3
-
-
 def test_the_wrench_of_a_run_is_predicted_from_the_others(turning):
     """A run with another effect changes the predictions of the other runs, and not its own."""
     runs, _, (likelihood, fit, _, _) = turning
@@ -235,22 +219,6 @@ def test_a_part_of_a_run_holds_what_acts_in_its_time_also_where_poses_are_lost_u
         wrench[span, 2] = 1e-3
         acts = np.flatnonzero(np.abs(regression.innovations.responses([wrench])[:, 0]) > 0)
         assert before.stop <= acts.min() < rows.start + 10
-
-
-def test_sizes_are_shares_of_the_thrust_at_the_largest_input():
-    """The unit of inputs does not change what is tried."""
-    run, _ = flown(8, duration=6.0)
-    scaled = craft()
-    scaled.set_value("k", craft().value("k") / 4)
-    wide = _core.parse_model(scaled.format().replace("input_max: 1", "input_max: 4"), "wide")
-    inputs = np.array(run.inputs)
-    inputs[:, 1:-1] *= 4
-    found = []
-    for model, own in ((craft(), run), (wide, run.replaced(inputs=inputs))):
-        likelihood = Likelihood([own], model)
-        fit = likelihood.fit(model, FREE)
-        found.append(regression_of(likelihood, fit, [{"N": "sin(psi)"}]).full)
-    assert found[0] == pytest.approx(found[1], rel=1e-3)
 
 
 # --- The dictionary
@@ -317,28 +285,6 @@ def test_a_feature_is_in_the_model_what_it_is_in_the_dictionary(path):
         off = np.sqrt((((wrench - expected) / full)[held] ** 2).mean())
         size = np.sqrt(((expected / full) ** 2).mean())
         assert off < 0.05 * size + 1e-5, (feature.family, feature.parts, off / size)
-
-
-def test_a_function_of_the_screen_is_a_formula_of_a_model_file():
-    model = craft()
-    sampled, _ = path_of(model)
-    memory = samples.memory(model, SCALES.time_scale)
-    kinds = {}
-    for scalar in (
-        scalars.of_motion(model, SCALES, sampled.values)
-        + scalars.few(model, SCALES)
-        + scalars.of_place(SCALES, sampled.values["x"], sampled.values["y"])
-    ):
-        kinds.setdefault(re.sub(r"[\d.]+", "", scalar.text), scalar)
-    for scalar in kinds.values():
-        text = scalars.filled(scalar.text, scalar.constants)
-        assert np.isfinite(samples.evaluated(text, sampled.values)).all(), text
-        entry = {"name": "one", **states_of(memory, text)}
-        entry["expression"] = {"X": "w*(%s)" % text}
-        unit = scalars.product_of_units(["N", "1/(%s)" % scalar.unit if scalar.unit != "-" else "-"])
-        entry["parameters"] = {"w": {"value": 1.0, "unit": unit, "neutral": 0.0}}
-        extended = candidates.from_entry(entry, "one.yaml", model).add(model)
-        assert "one" in extended.effects, text
 
 
 def exponents(unit):

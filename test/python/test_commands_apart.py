@@ -171,23 +171,6 @@ def test_a_bag_with_a_topic_for_each_thruster_is_drafted_and_read(run, tmp_path,
     assert held == pytest.approx(inputs[:, 1:3], abs=1e-6)
 
 
-def test_sides_come_in_the_usual_order_and_numbers_by_their_size(run, tmp_path):
-    times, eta, inputs = run
-    for name, marks in (("sides", ("lift", "right", "left")), ("numbers", (10, 2, 1))):
-        folder, draft = tmp_path / name, tmp_path / (name + ".yaml")
-        folder.mkdir()
-        table(folder / "mocap.csv", ["x", "y", "yaw"], np.column_stack([times, eta]))
-        for mark in marks:
-            table(
-                folder / ("esc_%s.csv" % mark),
-                ["pwm"],
-                np.column_stack([inputs[:, 0], 1000 + 900 * inputs[:, 1]]),
-            )
-        assert identify("info", folder, "--write-mapping", draft).returncode == 0
-        found = list(yaml.safe_load(draft.read_text())["commands"]["channels"])
-        assert found == (["left", "right", "lift"] if name == "sides" else ["esc_1", "esc_2", "esc_10"])
-
-
 def test_the_log_of_a_ferry_with_four_turning_thrusters(tmp_path):
     folder = ROOT.parent / "shared" / "data" / "others" / "milliampere1" / "maneuvering1"
     if not folder.is_dir():

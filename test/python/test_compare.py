@@ -1,14 +1,11 @@
 """identify compare as a user runs it: does it point at the hidden effect of a run?"""
 
 import json
-import re
 
 import numpy as np
 import pytest
 
 from conftest import MODEL, SHARED, identify, slow, write_bag
-
-FULL = 2 * 0.062  # thrust of the Tiny Whoover at full input [N]
 
 
 def model_with(path, effects):
@@ -88,15 +85,6 @@ def test_the_horizon_errors_are_those_of_an_independent_simulation(tmp_path):
         t, rate = horizon["seconds"], damping / inertia
         turned = 1e-4 / damping * (t - (1 - np.exp(-rate * t)) / rate)
         assert horizon["heading_deg"] == pytest.approx(np.degrees(turned), rel=0.1)
-
-
-def test_a_constant_side_force(tmp_path):
-    one = study(tmp_path, "{name: body_force_bias, x0: 0.0, y0: 0.02}")
-    channels = one["wrench"]["channels"]
-    assert channels["Y"]["mean"] == pytest.approx(0.02, rel=0.1)
-    assert abs(channels["X"]["mean"]) < 0.002
-    assert channels["Y"]["std"] < 0.005
-    assert "largest missing part is the side force" in one["words"]
 
 
 def test_lag_leaves_residuals_that_follow_the_input(tmp_path):
@@ -215,26 +203,3 @@ def test_the_two_days_of_the_real_recordings(tmp_path, recordings):
         assert one["role"] == ("held_out" if first_day else "fit")
     pooled = report["pooled"]["fitted"]
     assert pooled["held_out"]["error"] > 2 * pooled["fit"]["error"]
-
-
-def test_a_prediction_has_one_number_on_a_page(tmp_path):
-    """The first lines, the bars and the table say the same of the same models on the same runs."""
-    import ground
-
-    craft = ground.Model.load(MODEL).with_effect("motor_lag", tau=0.05)
-    runs = [ground.simulate(craft, "prbs", duration=9, seed=10 + s, name="run%d" % s) for s in (1, 2)]
-    fitted = ground.fit(MODEL, runs, free=["k", "N_r"]).model
-    found = ground.compare({"given": ground.Model.load(MODEL), "fitted": fitted}, runs)
-    first = " ".join(str(found).split()).split("Next:")[0]
-    for label in ("given", "fitted"):
-        row = next(line for line in found.table() if line.split()[0] == label)
-        after = re.search(r"1 s: (.*)$", row).group(1)
-        assert "%s %s" % (label, after) in first, (first, row)
-    folder = tmp_path / "page"
-    assert "on data that fitted was fitted to" in figure_caption(found, "errors")
-    found.save(folder)
-    assert "rosrun ground" in (folder / "report.html").read_text() or "record other runs" in str(found)
-
-
-def figure_caption(found, name):
-    return str(found.plot(name).layout.meta)

@@ -144,14 +144,6 @@ def test_an_improvement_on_real_runs_is_that_over_what_a_fit_reaches(tmp_path, r
     assert found.error[-1] < found.error[0] <= ground.fit(MODEL, bags).error.heldout * 1.001
 
 
-def test_the_same_input_gives_the_same_answer(tmp_path, lagging, whole):
-    result = diagnose(*lagging, *THREE, "-o", tmp_path / "again")
-    assert result.returncode == 0, result.stderr
-    assert result.stdout == whole[1]
-    names = {c["effect"] for c in json.loads(result.stdout)["candidates"]}
-    assert names == {"motor_lag", "input_delay", "floor_tilt"}
-
-
 @slow
 def test_without_the_right_effect_a_part_stays_unexplained(tmp_path, lagging, unplanned):
     lags = ["motor_lag", "motor_rise_fall", "motor_rate"]

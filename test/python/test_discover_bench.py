@@ -91,15 +91,6 @@ def test_the_floor_is_the_error_of_the_true_motion(effect, seed, most):
     assert floor < most * nominal
 
 
-def test_cases_follow_from_their_seeds():
-    for kind in cases.KINDS:
-        assert cases.make(kind, 3) == cases.make(kind, 3)
-        assert cases.make(kind, 3).body != cases.make(kind, 4).body
-    assert len(cases.make("two", 1).effects) == 2
-    every = {name for seed in range(1, 6) for name in cases.make("memory", seed).effects}
-    assert every == set(cases.MEMORY)
-
-
 @slow
 def test_crafts_find_their_effects(monkeypatch, tmp_path, capsys):
     """Short discoveries; `make bench-discover` runs whole ones. A flight of 15 s may name an effect too many

@@ -131,15 +131,6 @@ def test_it_stays_in_the_room(discovered):
         assert min(room().clearance(np.array(point[1:])) for point in flown.path) > 0
 
 
-def test_it_tells_each_flight_as_it_happens(discovered):
-    text, out, story = discovered
-    lines = text.splitlines()
-    told = [line.split(" (")[0] for line in lines if line.startswith("Flight ")]
-    assert told == ["Flight %d" % (i + 1) for i in range(len(story.flights))]
-    assert sum(line.startswith("   Flown ") for line in lines) == len(told)
-    assert lines[-1].split() == ["Details:", str(out / "report.html")]
-
-
 def test_its_folder_has_all_that_it_tells(discovered):
     _, out, story = discovered
     document = json.loads((out / "journal.json").read_text())
@@ -251,17 +242,6 @@ def test_what_is_smaller_than_what_matters_is_not_found(analyst, effect, paramet
     after = beliefs.after(groups, (), basis, known, analyst.sizes, known.matrix, 0.1)
     (found,) = [belief for belief in after.beliefs if belief.effect == effect]
     assert found.state == state and found.probability > 0.9
-
-
-def test_the_first_flight_mixes_what_shows_all_effects(analyst):
-    found = choice.informed(analyst.start, analyst.first_offers, 30.0, 1)
-    words = [piece.words for piece in found.pieces]
-    assert "lift at 0.6" in " ".join(words)
-    decided = [
-        sum(v >= information.DECIDED for v in seen(analyst, *some).values())
-        for some in (words, ["PRBS of 20 Hz between 0 and 1 of full thrust"])
-    ]
-    assert decided[0] > decided[1] + 5
 
 
 # --- Interruptions, with diagnoses that take no time

@@ -2,20 +2,16 @@
 
 import dataclasses
 import json
-import re
 
-import numpy as np
 import pytest
 
 import stories
 from browsing import assert_fits, assert_sound, open_page
 from conftest import ROOT
 from ground import _core
-from ground.discovery import figures
 from ground.discovery import page as discovery_page
 from ground.discovery import story as tale
 from ground.discovery.story import Story
-from ground.support import files
 
 ROOM = _core.load_room(str(ROOT / "cfg" / "room" / "room_4x4.yaml"))
 
@@ -49,16 +45,6 @@ def test_the_page_tells_the_whole_story(whole, browser):
         "after flight 2 (in the controller)",
     ):
         assert part in text, part
-
-
-def test_the_error_falls_from_flight_to_flight_in_the_figure(whole, browser):
-    open_page(browser, whole)
-    traces = browser.execute_script(
-        "return document.getElementById('figure0').data.map(t => [t.name, t.x, t.y])"
-    )
-    by_name = {name: (x, y) for name, x, y in traces}
-    assert by_name["given"] == ([1, 2, 3], [192, 210, 175])
-    assert by_name["floor of noise"][1][:2] == [21, 21]
 
 
 def test_a_flight_is_drawn_as_planned_and_as_flown(whole, browser):
@@ -136,34 +122,3 @@ def test_missing_and_damaged_files_are_left_out(tmp_path):
     discovery_page.write(story, str(tmp_path))
     text = page.read_text()
     assert "Flight 3" in text and "wind.wx" not in text
-
-
-def test_a_command_may_write_the_page_after_each_step(tmp_path):
-    story = stories.begun()
-    page, seen = written(story, tmp_path), []
-    with files.protect([]):
-        for story.activity in ("flies", "diagnoses"):
-            discovery_page.write(story, str(tmp_path))
-            seen.append(re.search("Now: (.*?)[.]<", page.read_text()).group(1))
-    assert seen == ["flies", "diagnoses"]
-
-
-def test_a_motion_that_is_not_finite_is_marked_above_all_errors():
-    story = stories.whole()
-    story.flights[1].errors["after flight 1"] = None
-    figure = figures.errors(story)
-    model = next(trace for trace in figure["data"] if trace["name"] == "after flight 1")
-    assert model["marker"]["symbol"][0] == "x-open" and model["y"][0] > 210
-    assert "not finite" in figure["layout"]["meta"]["caption"]
-
-
-def test_figures_are_those_that_plotly_knows():
-    from plotly import graph_objects
-
-    story = stories.whole()
-    inputs = [[0, 0, 0, 1], [1, 1, -1, 1]]
-    drawn = figures.flight(
-        story.flights[0].flight, story.flights[0], np.array(inputs, float), ["left", "right"], ROOM
-    )
-    for figure in (figures.errors(story), drawn):
-        graph_objects.Figure(data=figure["data"], layout=figure["layout"])

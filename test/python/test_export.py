@@ -109,23 +109,6 @@ def test_numpy_code_flies_as_the_model_does(name, tmp_path):
     assert np.allclose(found, expected, rtol=EXACT, atol=EXACT)
 
 
-def test_one_call_computes_many_states_as_many_calls_do(tmp_path):
-    craft = ground.Model.load(MODEL).with_effect("motor_lag", tau=0.05).with_effect("wind", wx=0.3)
-    craft.export(tmp_path / "craft.py")
-    module = loaded(tmp_path / "craft.py")
-    random = np.random.default_rng(1)
-    states, inputs = random.normal(size=(40, 8)), random.uniform(size=(40, 3))
-    for whole, each in (
-        (module.derivative(states, inputs), module.derivative),
-        (module.step(states, inputs, 0.01), lambda s, u: module.step(s, u, 0.01)),
-        (module.measure(states), lambda s, u: module.measure(s)),
-    ):
-        assert np.allclose(whole, [each(s, u) for s, u in zip(states, inputs)], rtol=1e-13)
-    small = 1e-6
-    slope = (module.step(states, inputs, small) - states) / small
-    assert np.allclose(slope, module.derivative(states, inputs), rtol=1e-3, atol=1e-3)
-
-
 def test_parameters_are_symbols_that_may_be_changed(tmp_path):
     craft = ground.Model.load(MODEL).with_effect("battery_sag", tau=90).with_effect("motor_lag", tau=0.05)
     craft.export(tmp_path / "craft.py")

@@ -8,7 +8,6 @@ import runpy
 import shutil
 import signal
 import subprocess
-import sys
 from unittest import mock
 
 import numpy as np
@@ -84,7 +83,7 @@ def left(folder):
     return [p.name for p in folder.rglob("*") if p.is_file() and not p.is_symlink()]
 
 
-@pytest.mark.parametrize("damage, count", [("flip", 60), ("cut", 20)])
+@pytest.mark.parametrize("damage, count", [("flip", 20), ("cut", 10)])
 def test_a_damaged_bag_gives_no_traceback(here, capsys, damage, count):
     random = np.random.default_rng(7)
     for number in range(count):
@@ -246,17 +245,6 @@ def test_every_program_has_help_without_a_master(name):
     )
     assert shown.returncode == 0 and "usage: %s" % name in shown.stdout, shown
     assert shown.stderr == ""
-
-
-def test_the_end_of_rviz_is_not_shown_as_a_crash():
-    """Software OpenGL corrupts rviz's heap as it ends; what rviz says else is shown."""
-    program = "import runpy, os; view = runpy.run_path(%r); view['leave_out'](view['IDLE']); " % str(
-        SCRIPTS / "view"
-    )
-    noise = ["malloc(): smallbin double linked list corrupted", "corrupted double-linked list"]
-    program += "os.write(2, %r)" % "\n".join([*noise, "a display failed", ""]).encode()
-    shown = subprocess.run([sys.executable, "-c", program], stderr=subprocess.PIPE, universal_newlines=True)
-    assert shown.stderr == "a display failed\n"
 
 
 def killed(_):

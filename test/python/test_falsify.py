@@ -36,11 +36,6 @@ def test_without_a_fence_flights_leave(place):
     assert outside < 0
 
 
-def test_the_same_seed_gives_the_same_flights(place):
-    x = np.random.default_rng(2).uniform(size=len(falsify.NAMES))
-    assert falsify.flight(place, "much", x) == falsify.flight(place, "much", x)
-
-
 def test_the_bound_is_that_of_the_room_and_the_craft(place):
     text = _core.fence_bound(place.room, place.model)
     assert "%.2f m/s" % place.speeds["much"] in text

@@ -62,7 +62,6 @@ SIMULATE = ["simulate", "--model", "model.yaml", "--input", "steps.csv", "--forc
         ["diagnose", "run.bag", "--model", "out/improved.yaml", "--force", "-o", "out"],
         ["diagnose", "out/diagnosis.json", "--model", "model.yaml", "--force", "-o", "out"],
         ["compare", "run.bag", "--model", "out/report.html", "--force", "-o", "out"],
-        ["compare", "run.bag", "--model", "out/report.html", "--force", "-o", "out"],
         ["compare", "run.bag", "--model", "out/fit.csv", "--force", "-o", "out"],
         SIMULATE + ["model.yaml"],
         SIMULATE + ["steps.csv"],

@@ -46,11 +46,6 @@ def test_a_table_is_read_by_its_draft(run, tmp_path, form):
     same(drafted(TABLES[form](tmp_path, run), tmp_path), run, times=days)
 
 
-def test_days_count_from_1970_as_other_times_do(run, tmp_path):
-    found = drafted(TABLES["days of Excel"](tmp_path, run), tmp_path)
-    assert found.pose_times[0] == pytest.approx(START, abs=1e-3)
-
-
 def test_a_row_for_each_value_becomes_a_column_for_each_signal(run, tmp_path):
     columns = plain(run)
     stamps = numbers(columns.pop("t"), "%.6f")
@@ -155,14 +150,6 @@ def test_clocks_that_differ_are_told_with_what_to_write(run, tmp_path):
     assert result.returncode == 1 and "clock_offset" in result.stderr and "1700000000.000" in result.stderr
     draft.write_text(draft.read_text() + "clock_offset: 1700000000\n")
     assert identify("info", folder, "--mapping", draft).returncode == 0
-
-
-def test_the_cosine_of_a_heading_is_not_taken_for_it(run, tmp_path):
-    columns = plain(run, psi=None)
-    path = written(tmp_path, {**columns, "cos_psi": np.cos(run.psi), "sin_psi": np.sin(run.psi)})
-    draft = tmp_path / "draft.yaml"
-    assert identify("info", path, "--write-mapping", draft).returncode == 0
-    assert "cos_psi, unit" not in draft.read_text() and "atan2(sin, cos)" in draft.read_text()
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from ground.ledger import changes, estimates, finding, hierarchy
 
 CRAFTS = ("craft_1", "craft_2", "craft_3")
 BATTERY = datetime.date(2025, 4, 12)  # since then craft 1 has another one
-DAYS = [datetime.date(2025, 3, 3) + datetime.timedelta(days=11 * i) for i in range(8)]
+DAYS = [datetime.date(2025, 3, 3) + datetime.timedelta(days=11 * i) for i in range(6)]
 RUNS = 2 * len(CRAFTS) * len(DAYS)
 
 
@@ -264,14 +264,6 @@ def test_a_battery_that_fades_each_day_is_no_drift():
     assert false <= 3
 
 
-def test_a_single_outlier_is_no_jump():
-    random = np.random.default_rng(5)
-    for at in (3, 12, 20):
-        series = made_up(random)
-        series.values[at] = 2.0
-        assert not changes.find(series, 1e-3)
-
-
 def runs_of(random, crafts=2, days=12, per_day=3, spread=(0.02, 0.03)):
     """Estimates of two parameters of which each run knows one combination well; scatter of days and runs."""
     count = crafts * days * per_day
@@ -300,15 +292,3 @@ def test_scatters_of_days_and_runs_are_told_apart():
     day = np.sqrt(np.mean([one.day for one in found]))
     run = np.sqrt(np.mean([one.run for one in found]))
     assert 0.012 < day < 0.028 and 0.024 < run < 0.036
-
-
-def test_a_run_that_knows_nothing_changes_nothing():
-    runs = runs_of(np.random.default_rng(8))
-    more = hierarchy.Runs(
-        np.vstack([runs.y, [[1e3, -1e3]]]),
-        np.concatenate([runs.information, np.zeros((1, 2, 2))]),
-        np.append(runs.craft, 1),
-        np.append(runs.day, runs.day[-1]),
-    )
-    one, other = hierarchy.fit(runs), hierarchy.fit(more)
-    assert np.allclose(one.mean, other.mean, rtol=1e-3)

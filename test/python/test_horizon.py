@@ -9,7 +9,6 @@ from conftest import MODEL
 from ground import _core
 from ground.analysis import horizon
 from ground.poses import repair
-from ground.support.errors import GroundError
 
 FREE_FLYER = """
 schema: ground/model/1
@@ -61,34 +60,6 @@ def test_the_horizon_suits_the_runs():
     short = horizon.horizon([run_of(free_flyer, duration=8.0)], free_flyer())
     assert 1.0 <= short < 10.0 and len(horizon.starts([run_of(free_flyer, duration=8.0)], short)) >= 4
     assert horizon.horizon([run_of(duration=60.0, rate=11, noise=(1e-3, 1e-3, 1e-2))], hovercraft()) >= 0.9
-
-
-def test_predictions_of_the_true_model_are_as_good_as_the_poses():
-    for craft, noise in ((hovercraft, (3e-4, 3e-4, 5e-3)), (free_flyer, (2e-5, 2e-5, 1e-4))):
-        run = run_of(craft, 40.0, noise=noise)
-        model = craft()
-        seconds = horizon.horizon([run], model)
-        starts = horizon.starts([run], seconds)
-        errors = horizon.pose_errors([run], [model] * len(starts), starts, seconds)
-        rms = np.sqrt((errors**2).mean(axis=0))
-        assert np.all(rms < 15 * horizon.pose_noise([run])), (craft, rms)
-
-
-def test_the_change_between_models_is_that_of_their_predictions():
-    run, seconds = run_of(), 1.0
-    starts = horizon.starts([run], seconds)
-    pushed = hovercraft()
-    pushed.add_effect("body_force_bias")
-    pushed.set_value("body_force_bias.x0", 0.01)
-    same = horizon.change([run], starts, seconds, (pushed, pushed))
-    other = horizon.change([run], starts, seconds, (hovercraft(), pushed))
-    assert same.position_mm == same.heading_deg == same.relative == 0
-    assert other.position_mm > 30 > 5 > other.heading_deg and other.relative > 50
-
-
-def test_runs_that_are_too_short_are_refused():
-    with pytest.raises(GroundError, match="long enough"):
-        horizon.starts([run_of()], 20.0)
 
 
 def test_what_the_mocap_leaves_is_what_the_true_model_leaves():

@@ -153,30 +153,6 @@ def test_fit_reports_identifiable_combinations(tmp_path):
     assert "I_z and N_r are only known as I_z/N_r" in text
 
 
-def no_thrust(times, eta, inputs):
-    return times, eta, inputs * [1, 0, 0, 1]
-
-
-def test_fit_reports_a_parameter_that_is_not_identifiable(tmp_path, guess):
-    path = write_bag(tmp_path / "drift.bag", change=no_thrust)
-    out = tmp_path / "fitted.yaml"
-    result = identify("fit", path, "--model", guess, "-o", out, "--json")
-    assert result.returncode == 0, result.stderr
-
-    def refuse(word):
-        raise AssertionError("%s is not valid in JSON" % word)
-
-    k = json.loads(result.stdout, parse_constant=refuse)["parameters"]["k"]
-    assert not k["identified"]
-    assert k["value"] == 0.1, "it keeps its start value"
-    assert k["ci95"][1] is None
-    text = identify("fit", path, "--model", guess, "-o", tmp_path / "again.yaml").stdout
-    line = next(line for line in text.splitlines() if line.startswith("k "))
-    assert "not identifiable" in line
-    # A model file with an unbounded interval can be loaded.
-    assert identify("fit", path, "--model", out, "-o", tmp_path / "third.yaml").returncode == 0
-
-
 def test_a_closed_pipe_is_no_error(bag):
     command = "rosrun ground identify info --progress off %s | head -n 1" % bag
     result = subprocess.run(

@@ -44,25 +44,6 @@ def polled(times, random, poll=0.01):
     return stamps + 1e-5 * np.arange(len(times)) / len(times)
 
 
-@pytest.mark.parametrize("late", [0.0, 0.3])
-def test_the_next_step_names_commands_that_came_late(tmp_path, late):
-    import genpy
-    import rosbag
-
-    sound = str(write_bag(tmp_path / "sound.bag"))
-    with rosbag.Bag(sound) as bag, rosbag.Bag(str(tmp_path / "run.bag"), "w") as delayed:
-        sent = 0
-        for topic, message, received in bag.read_messages():
-            sent += topic == "controls"
-            is_late = topic == "controls" and sent == 20
-            delayed.write(topic, message, received + genpy.Duration.from_sec(late if is_late else 0.0))
-    (said,) = [
-        line for line in identify("info", tmp_path / "run.bag").stdout.splitlines() if line.startswith("Next")
-    ]
-    assert ("nothing to mend" in said) == (late == 0)
-    assert ("came late" in said) == (late > 0)
-
-
 def frozen(times, eta, inputs):
     return times, 0 * eta + eta[100], inputs
 
@@ -205,40 +186,6 @@ def test_mirrored_headings_are_undone(centre):
     # A plain unwrap would leave jumps.
     assert np.abs(np.diff(motion.measured[:, 2])).max() < 0.5
     assert np.sqrt(np.mean((motion.nu[:, 2] - nu[kept, 2]) ** 2)) < 0.3
-
-
-def test_frozen_poses_are_a_gap():
-    times, eta, nu, inputs = frames()
-    eta[400:430] = eta[400]
-    motion = recorded(times, eta, inputs).motion
-    assert motion.repairs["frozen poses dropped"] == 29
-    assert np.diff(motion.times).max() == pytest.approx(30 / 120, abs=1e-3)
-    still = recorded(times[:200], np.zeros((200, 3)), inputs).motion
-    assert still.repairs["frozen poses dropped"] == 0, "a craft may rest"
-
-
-def test_live_changes_are_listed(tmp_path):
-    import genpy
-    import rosbag
-    from ground_msgs.msg import LiveChange
-
-    path = write_bag(tmp_path / "run.bag")
-    rows = [
-        (3.5, "controller", "model", "old.yaml", "new.yaml"),
-        (2.25, "controller", "k_e", "0.0069", "0.01"),
-    ]
-    with rosbag.Bag(str(path), "a") as bag:
-        for time, *row in rows:
-            change = LiveChange(None, *row)
-            change.header.stamp = genpy.Time.from_sec(1000 + time)
-            bag.write("/live_changes", change, genpy.Time.from_sec(1000 + time))
-    words = ("time", "node", "name", "before", "after")
-    assert info(path)["changes"] == [
-        dict(zip(words, (pytest.approx(row[0]),) + row[1:])) for row in sorted(rows)
-    ]
-    text = identify("info", path).stdout
-    assert "- changed at 2.25 s: controller: k_e 0.0069 -> 0.01" in text
-    assert "- changed at 3.50 s: controller: model old.yaml -> new.yaml" in text
 
 
 def test_a_gap_in_a_fast_spin_adds_no_turns():

@@ -116,13 +116,6 @@ def test_the_table_tracks_a_circle_and_stays_in_a_room(table):
     assert not run.stopped and run.bursts > 1 and run.decisions.shape[1] == 11
 
 
-def test_designs_for_other_thrusters_say_what_they_need(table, tmp_path):
-    file = tmp_path / "bits.csv"
-    file.write_text("1,0\n0,1\n")
-    with pytest.raises(GroundError, match="not time,front_right_back,.*,air"):
-        ground.simulate(TABLE, str(file), duration=5)
-
-
 def test_a_fit_finds_the_parameters_of_the_table(table):
     runs = jets.runs_of(jets.Plate(table, "", 0), np.random.default_rng(3))[:2]
     start = table.copy()
@@ -186,17 +179,3 @@ def test_a_diagnosis_names_the_effect_and_the_jet(table, seed):
     ((name, value),) = result["values"].items()
     expected = jets.WEAK if name.startswith("thruster_gain") else jets.TURNED
     assert value == pytest.approx(expected, rel=0.1)
-
-
-def test_asymmetry_is_of_left_against_right(table):
-    """By their places, not by the way they turn the craft."""
-    model = _core.with_effect(table, "{name: thrust_asymmetry, a: 0.2}", "test")
-    start = np.zeros(3)
-    for i, jet in enumerate(table.thrusters):
-        steps = np.zeros((1, 10))
-        steps[0, 1 + i] = 1
-        with_it, without = (
-            _core.simulate(one, steps, [0.0, 0.05], start, start)["nu"][-1] for one in (model, table)
-        )
-        weight = 0.8 if jet["position"][1] > 0 else 1.2
-        assert with_it == pytest.approx(weight * without, rel=0.01, abs=1e-5), jet["name"]

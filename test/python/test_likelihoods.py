@@ -76,26 +76,6 @@ def test_the_true_parameters_are_found_within_their_deviations():
     assert again.log_posterior == pytest.approx(fit.log_posterior, abs=0.05)
 
 
-def test_the_likelihood_of_runs_is_that_of_their_blocks():
-    runs, like, fit = fitted(sigma=0.004)
-    blocks = like.blocks(fit, fit.loudness)
-    assert [b.sum() for b in blocks] == pytest.approx(list(fit.by_run), abs=1e-6)
-    assert all(len(b) == pytest.approx(8, abs=1) for b in blocks)
-    worse = fit.model.copy()
-    worse.set_value("k", 1.1 * worse.value("k"))
-    other = dataclasses.replace(fit, model=worse)
-    assert sum(b.sum() for b in like.blocks(other, fit.loudness)) < fit.by_run.sum() - 10
-
-
-def test_the_wald_ratio_is_that_of_a_refit():
-    runs, like, fit = fitted(sigma=0.004, force=(0.004, 0.0))
-    extended = candidates.of_library("body_force_bias").neutral(fit.model)
-    names = tuple(p.name for p in candidates.parameters_of(extended, "body_force_bias"))
-    with_it = like.fit(extended, FREE + names, near=fit)
-    refitted = 2 * (with_it.log_posterior - fit.log_posterior)
-    assert refitted > 10 and with_it.ratio_without("body_force_bias") == pytest.approx(refitted, rel=0.5)
-
-
 @functools.lru_cache(maxsize=None)
 def in_draught(seed, room, time, body=0.0):
     """A run of 8 s under a random force whose direction is fixed in the room, and one fixed in the body [N].
@@ -200,37 +180,6 @@ def test_an_error_of_the_user_is_not_taken_for_a_motion_that_is_not_finite(monke
     for text in ("the model's motion is not finite", "the information is not positive definite"):
         assert isinstance(core_error(RuntimeError(text)), Diverged)
     assert not isinstance(core_error(ValueError("there is no parameter 'q'")), Diverged)
-
-
-MEMORY = """{name: wake, states: {s: "(v - s)/tau"}, expression: {Y: "c*s"}, parameters: {
-    c: {value: %g, unit: N s/m, lower: 0}, tau: {value: 2, unit: s, neutral: 2, lower: 0.01}}}"""
-
-
-def test_the_same_wrench_has_the_same_effect_whenever_it_acts():
-    """At rest nothing changes over time, not even with a strong slow effect; the responses predict
-    what the innovations of such a push are."""
-    craft = _core.with_effect(model(), MEMORY % (50 * model().value("m")), "wake")
-    times, still = np.arange(400) / 100, np.zeros((400, 3))
-    inputs = np.array([[0.0, 0.0, 0.0, 1.0]])
-    pushes = {at: np.zeros((400, 3)) for at in (100, 200, 300)}
-    for at, push in pushes.items():
-        push[at, 1] = 0.1
-
-    def box(wrench):
-        eta = _core.simulate(craft, inputs, times, np.zeros(3), np.zeros(3), [0.0], wrench)["eta"]
-        run = _core.RunData("rest", times, eta, still, inputs, eta, NOISE)
-        return _core.GreyBox([run], craft)
-
-    rest = box(still)
-    point = rest.start(craft)
-    found = rest.residuals(point, 0, acting=np.hstack(list(pushes.values())))
-    responses = np.array(found["responses"]).reshape(400, 3, len(pushes))
-    first = responses[100:150, 1, 0]
-    assert np.abs(first).max() > 0.05
-    for i, (at, push) in enumerate(pushes.items()):
-        assert responses[at : at + 50, 1, i] == pytest.approx(first, rel=0.02, abs=1e-3), at
-        pushed = np.array(box(push).residuals(point, 0)["whitened"])[at : at + 7, 1]
-        assert responses[at : at + 7, 1, i] == pytest.approx(pushed, rel=0.05, abs=0.01), at
 
 
 # --- differences between runs

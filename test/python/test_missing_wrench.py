@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from conftest import MODEL, run_data, simulate_run
+from conftest import MODEL, run_data
 from ground import _core
-from ground.analysis import missing_wrench, residuals
-from ground.poses import repair
+from ground.analysis import missing_wrench
 
 
 def model():
@@ -51,47 +50,4 @@ def test_a_constant_force_is_inferred_everywhere(force):
     )
 
 
-def test_a_push_is_left_out_with_some_time_around_it():
-    times, eta, inputs = simulate_run(duration=8.0)
-    eta[:, 2] = np.unwrap(eta[:, 2])
-    struck = times > 4.0
-    eta[struck, :2] += (times[struck] - 4.0)[:, None] * [1.2, -0.8]
-    smoothed = repair.smooth(times, eta, (3e-4, 5e-3), _core.RunScales())
-    noise = np.array([3e-4, 3e-4, 5e-3])
-    run = _core.RunData("run", times, smoothed["eta"], smoothed["nu"], inputs, eta, noise)
-    calm = missing_wrench.undisturbed(model(), run)
-    ((start, end),) = calm.events
-    assert 3.4 < start < 3.75 and 4.25 < end < 4.6  # 0.3 s on both sides
-    told = missing_wrench.of_wrench(calm, model()).numbers["disturbances"]
-    assert told == [{"start": start, "end": end}]
-    rest = np.array(calm.run.times)
-    assert not ((rest >= start) & (rest <= end)).any() and len(rest) + 100 * (end - start) < 803
-    assert np.allclose(np.array(calm.run.poses)[-1], eta[-1])
-
-
 # --- residuals
-
-
-def analysed(run):
-    return residuals.analyse(run, model(), *residuals.disturbance(run, model(), "white"))
-
-
-def test_innovations_of_a_true_model_are_white_and_independent_of_the_inputs():
-    run = run_data()
-    found = analysed(run)
-    assert found["white"] and set(found["channels"]) == {"ahead", "starboard", "heading"}
-    for channel in found["channels"].values():
-        assert channel["input_sum"]["accepted"] and channel["input_difference"]["accepted"]
-        lags = channel["autocorrelation"]
-        assert lags["lag_seconds"] == pytest.approx([0.01 * k for k in lags["lag_samples"]])
-    assert found["noise"]["position"]["value"] == pytest.approx(3e-4, rel=0.3)
-    assert found["samples"] <= len(run.times)
-
-
-def test_residuals_of_a_model_without_the_lag_of_the_motors_follow_the_inputs():
-    truth = model()
-    truth.add_effect("motor_lag")
-    truth.set_value("motor_lag.tau", 0.08)
-    found = analysed(run_data(truth=truth))
-    ahead = found["channels"]["ahead"]["input_sum"]
-    assert not ahead["accepted"] and ahead["outside"] > 3

@@ -105,14 +105,6 @@ def test_parameters_are_found(name):
     assert fitted.parameters["I_z"].value == pytest.approx(craft.body["I_z"], rel=0.05)
 
 
-@pytest.mark.parametrize("rate", [10.0, 9.0, 16.7])
-def test_a_slow_logger_has_no_gaps(rate):
-    craft = replace(CRAFT["free-flyer"], rate=rate, noise=(1e-3, 1e-3))
-    run = recording(craft, *craft.recorded())
-    assert described(run)["poses"]["gaps"] == []
-    assert len(quality.repaired(run).spans) == 1
-
-
 def test_a_gap_is_some_intervals_long():
     craft = CRAFT["ship"]
     times, eta, rows = craft.recorded()
@@ -127,22 +119,6 @@ def test_positions_that_are_held_between_fixes_are_no_measurements():
     eta[1::2, :2] = eta[::2, :2]  # a fix at 5 Hz, headings at 10 Hz
     run = recording(craft, times, eta, rows)
     assert described(run)["poses"]["held"] == len(times) // 2
-    assert run.motion.noise == pytest.approx(craft.noise, rel=0.15)
-
-
-def test_positions_in_whole_millimetres_are_not_taken_for_held_ones():
-    craft = CRAFT["free-flyer"]
-    times, eta, rows = craft.recorded()
-    eta[:, :2] = np.round(eta[:, :2], 3)
-    assert described(recording(craft, times, eta, rows))["poses"]["held"] == 0
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_order_of_precise_poses_rebuilds_the_clock_of_a_slow_craft(seed):
-    craft = CRAFT["free-flyer"]
-    times, eta, rows = craft.recorded(seed)
-    run = recording(craft, np.ceil(times / 0.01 + 1e-9) * 0.01, eta, rows)
-    assert run.motion.clock.rate == pytest.approx(120, abs=0.02)
     assert run.motion.noise == pytest.approx(craft.noise, rel=0.15)
 
 
@@ -172,16 +148,6 @@ def test_a_pause_of_a_publisher_with_a_rate_is_left_out_and_named(name):
         craft, times, eta, rows[(rows[:, 0] < 0.4 * craft.duration) | (rows[:, 0] > 0.6 * craft.duration)]
     )
     assert not [s for s in quality.repaired(on_change).silent if craft.held > s[1] - s[0]]
-
-
-@few
-def test_commands_of_another_run_are_noticed(name):
-    craft = CRAFT[name]
-    times, eta, _ = craft.recorded(1)
-    rows = craft.recorded(2)[2]
-    (line,) = findings.grave(described(recording(craft, times, eta, rows)))
-    slow = name == "ship"  # its commands change a few times in a run
-    assert ("cannot be decided, because" if slow else "does not follow the commands") in line
 
 
 def under_corrections(seed, swapped=False):

@@ -13,10 +13,7 @@ from numpy.core import _multiarray_umath as numpy_core
 from conftest import ROOT, slow
 from test_downstream import devel_space
 
-COMPARING = (
-    "test/python/test_track.py::test_the_mvwt_tracks_as_in_the_thesis",
-    "test/python/test_api.py::test_the_notebook_runs_and_finds_the_hidden_effect",
-)
+COMPARING = ("test/python/test_track.py::test_the_mvwt_tracks_as_in_the_thesis",)
 PAGES = ("test/python/test_gallery.py", "test/python/test_examples.py")
 # Settings of NumPy, OpenBLAS and the C library
 PLAIN = {

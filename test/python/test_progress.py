@@ -64,12 +64,3 @@ def test_progress_can_be_chosen(how, expected, tmp_path):
     assert done.returncode == 0, done.stderr
     assert ("identify simulate: writing the bag" in done.stderr) == expected
     assert re.search("[\r\x1b]", done.stderr) is None and "writing" not in done.stdout
-
-
-def test_quiet_work_tells_of_its_stages_only():
-    told = []
-    work = Work(told.append).quiet()
-    with work.stage("searching", 2):
-        work.note("motor_lag is left out")
-        work.step()
-    assert [str(report) for report in told] == ["searching, 0 of 2", "searching, 1 of 2"]

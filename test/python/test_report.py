@@ -110,11 +110,3 @@ def test_nothing_overlaps_or_is_cut_off(diagnosed, compared, browser, as_wide_as
     folder = {"diagnose": diagnosed, "compare": compared}[verb]
     open_page(browser, folder / "report.html")
     assert_fits(browser, width)
-
-
-def test_the_page_of_a_comparison(compared, browser):
-    names = open_page(browser, compared / "report.html")
-    assert len(names) == 4
-    assert_sound(browser, names)
-    text = browser.find_element("tag name", "body").text
-    assert "improved - it predicts" in text and "prediction error" in text

@@ -1,6 +1,5 @@
 """Results of a script: figures one by one, files that are read again, copies in other processes."""
 
-import json
 import pickle
 
 import numpy as np
@@ -176,8 +175,3 @@ def test_runs_are_worked_on_in_parallel(craft, runs):
     found = joblib.Parallel(2)(joblib.delayed(ground.fit)(craft, run, free=["k"]) for run in runs)
     alone = [ground.fit(craft, run, free=["k"]) for run in runs]
     assert [one.model for one in found] == [one.model for one in alone]
-
-
-def test_the_documents_of_results_have_described_keys(diagnosed):
-    schema = json.loads((ROOT / "docs" / "schemas" / "diagnosis.schema.json").read_text())
-    assert set(diagnosed.report) <= set(schema["properties"])

@@ -241,31 +241,6 @@ def test_files_differ_by_their_contents(tmp_path, verb, lab):
         assert "%s for a, b, c; %s for d" % (file, file) in said
 
 
-def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):
-    import rosbag
-    import rospy
-
-    from ground.nodes import identification_node
-
-    clock = [rospy.Time(1000)]
-    monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
-    monkeypatch.setattr(rospy.Time, "now", lambda: clock[0])
-    source = mocap_bag(tmp_path / "source.bag", [(-600, "x, z, -y", OFFSET)], OFFSET)
-    buffer = identification_node.LiveBuffer(120.0)
-    with rosbag.Bag(source) as bag:
-        for topic, message, clock[0] in bag.read_messages():
-            if topic == "/mocap_state/settings":
-                buffer._take_settings(message)
-            else:
-                buffer._take(message, topic[1:])
-    path = str(tmp_path / "live.bag")
-    monkeypatch.setattr(buffer, "covered", lambda: 5.0)
-    buffer.write(path, 5.0)
-    live, whole = readers.read(path), readers.read(source)
-    assert live.settings.values("heading_offset") == (OFFSET,)
-    assert np.array_equal(live.eta, whole.eta[-len(live.eta) :])
-
-
 def test_invalid_axes_in_a_bag_are_refused(tmp_path):
     bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, w", 0.0)])
     with pytest.raises(GroundError, match="recorded in the bag"):

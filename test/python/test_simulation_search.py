@@ -1,13 +1,12 @@
 """The search by simulation error, which a diagnosis turns to where the likelihood misleads."""
 
-import threading
 from unittest import mock
 
 import numpy as np
 import pytest
 
 from conftest import schema
-from ground.analysis import diagnosis, judge, window_error
+from ground.analysis import diagnosis, judge
 from ground.analysis.verdict import conclude
 from ground.data.measured import measured
 from ground.diagnosing import answer, document
@@ -66,16 +65,6 @@ def test_an_effect_that_the_likelihood_refused_and_it_finds_is_not_refused():
     assert not found.names & {dropped.trial.name for dropped in found.dropped}
 
 
-def test_its_shares_and_floors_are_those_of_the_model_that_it_gives(found):
-    errors = [
-        window_error.squared_errors(found.runs, found.cut, model).sum()
-        for model in (found.search.nominal().model, found.model)
-    ]
-    assert found.ceiling_of().named.value == pytest.approx(1 - errors[1] / errors[0], rel=1e-9)
-    floors = [window_error.noise_floor(found.runs, found.model, seed).sum() for seed in range(5)]
-    assert found.noise_floor(found.names) == pytest.approx(np.mean(floors), rel=1e-9)
-
-
 def test_a_diagnosis_by_it_has_its_model_errors_and_words(found):
     conclusion = conclude(found)
     report = document.begun(found, conclusion, "boat")
@@ -91,14 +80,3 @@ def test_a_diagnosis_by_it_has_its_model_errors_and_words(found):
     assert values["hull_lift.yv"] / values["k"] == pytest.approx(LIFT["yv"] / 35, rel=0.1)
     assert any("by simulation error" in line for _, line in answer.lines(report))
     assert np.all([0.7 < row["coverage"] <= 1 for row in report["bands"]])
-
-
-def test_a_diagnosis_that_is_kept_holds_no_threads(found):
-    assert found.names
-    assert [thread.name for thread in threading.enumerate() if "ThreadPool" in thread.name] == []
-
-
-def test_a_run_whose_thrust_seems_turned_round_is_one_that_hardly_pushes():
-    core = boat().core
-    turned = window_error.trimmed(core, np.array([0.0, 0.0, 0.0, -1.5]))
-    assert 0 < turned.value("k") < 0.01 * core.value("k")

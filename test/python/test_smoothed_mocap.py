@@ -197,3 +197,51 @@ def test_a_mocap_smooths_all_recordings_or_none():
     sound = [with_poses(flown(40 + i, 100.0, 4e-4), lambda poses: poses, "sound %d" % i) for i in range(4)]
     sound[0].known["motion"] = sound[0].as_before(replace(found[0].motion.low_pass, corner=20.0))
     assert [run.motion.low_pass for run in measured.repaired(sound, Work())] == [None] * 4
+
+
+def low_passes(given, fitted=None):
+    """Corners [Hz] of the low-passes that recordings are taken with, fitted to or held out; 0 without one."""
+    model, part = ground.Model.load(MODEL), measured.Part()
+    if fitted is None:
+        found = measured.measured(given, model, part, Work())
+    else:
+        found = measured.held_out(given, model, part, Work(), measured.measured(fitted, model, part, Work()))
+    return [run.motion.low_pass.corner if run.motion.low_pass else 0.0 for run in found.recordings]
+
+
+def test_a_call_leaves_the_recordings_as_they_were():
+    """A run too short to show the low-pass is taken as those of the same call are, and by itself otherwise;
+    neither depends on the calls before."""
+    smooth, model = butterworth(5.0, 100.0, False), ground.Model.load(MODEL)
+
+    def made():
+        runs = [with_poses(flown(20 + i, 100.0, 4e-4), smooth, "run %d" % i) for i in range(2)]
+        cut = with_poses(flown(30, 100.0, 4e-4), smooth, "short")
+        return runs, replace(cut, pose_times=cut.pose_times[500:700], eta=cut.eta[500:700])
+
+    def numbers(*given, **more):
+        found = ground.fit(model, *given, free=("k",), **more)
+        return [found.parameters["k"].value, found.error]
+
+    runs, short = made()
+    together, alone = numbers([*runs, short]), numbers([short])
+    held, compared = numbers(runs, holdout=short), ground.compare(model, [*runs, short])
+    assert low_passes([short]) == [0.0]
+    assert low_passes([*runs, short]) == pytest.approx([5.0] * 3, rel=0.1)
+    assert low_passes([short], fitted=runs) == pytest.approx([5.0], rel=0.1)
+    taken = [run.recording for run in compared.runs]
+    assert taken[-1].motion.low_pass and low_passes([taken[-1]]) == [0.0]
+    runs, short = made()  # nothing was done with these, and the calls come in another order
+    assert numbers(runs, holdout=short) == held
+    assert numbers([short]) == alone and numbers([*runs, short]) == together
+
+
+def test_runs_held_out_are_taken_as_those_that_were_fitted():
+    smooth = butterworth(5.0, 100.0, False)
+    sound = with_poses(flown(40, 100.0, 4e-4), lambda poses: poses, "sound")
+    late = with_poses(flown(41, 100.0, 4e-4), smooth, "late")
+    assert low_passes([late]) == pytest.approx([5.0], rel=0.1)
+    assert low_passes([late], fitted=[sound]) == [0.0]
+    assert low_passes([late], fitted=[with_poses(flown(42, 100.0, 4e-4), smooth)]) == pytest.approx(
+        [5.0], rel=0.1
+    )

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from conftest import MODEL, run_data
-from ground import _core
-from ground.analysis import evidence, window_error
-
-
-def model():
-    return _core.load_model(str(MODEL))
-
+from ground.analysis import evidence
 
 # --- effects on trial
 
@@ -30,21 +23,3 @@ def test_p_values_are_those_of_the_mixture():
 
 
 # --- windows of runs
-
-
-def test_an_artificial_recording_has_the_noise_and_the_motion_of_the_model():
-    run, craft = run_data(6.0, noise=0), model()
-    found = window_error.recorded(run, craft, np.random.default_rng(1))
-    first = np.array(run.eta)[0], np.array(run.nu)[0]
-    true = _core.simulate(craft, np.array(run.inputs), np.array(run.times), *first)["eta"]
-    off = np.array(found.poses) - true
-    assert np.allclose(off.std(axis=0), np.array(run.noise), rtol=0.15)
-    pushed = window_error.recorded(
-        run, craft, np.random.default_rng(1), np.tile([0.01, 0, 0], (len(run.times), 1)), 0.1
-    )
-    assert np.abs(np.array(pushed.poses) - np.array(found.poses))[:, :2].max() > 0.05
-    assert np.array_equal(np.array(found.times), np.array(run.times))
-    floor = window_error.noise_floor([run], craft)
-    assert (floor > 0).all() and (floor < 0.2).all()
-    assert np.array_equal(floor, window_error.noise_floor([run], craft, 1))
-    assert not np.array_equal(floor, window_error.noise_floor([run], craft, 2))

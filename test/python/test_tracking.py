@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from conftest import MODEL, identify, program, write_bag
+from conftest import MODEL, identify, write_bag
 
 CIRCLE = ["--input", "tracking", "--reference", "circle", "--size", "1", "--duration", "15"]
 
@@ -40,31 +40,6 @@ def test_the_error_equals_that_of_the_simulation(driven, tmp_path):
     (settled,) = tracking(bag, "--settled", 5)["runs"][0]["drives"]
     assert settled["rms"] < 0.01 < drive["rms"]
     assert settled["saturated_fraction"] < drive["saturated_fraction"]
-
-
-def test_a_run_without_decisions_has_no_numbers_on_them(driven, tmp_path):
-    import rosbag
-
-    path = tmp_path / "old.bag"
-    with rosbag.Bag(str(driven[0])) as source, rosbag.Bag(str(path), "w") as bag:
-        for topic, message, time in source.read_messages():
-            if topic not in ("/controls/wanted", "/decision"):
-                bag.write(topic, message, time)
-    (drive,) = tracking(path, "--picture", tmp_path / "old.html")["runs"][0]["drives"]
-    assert drive["wanted_outside"] is None and drive["compute_ms"] is None
-    text = identify("tracking", path, "--details").stdout
-    assert "saturated" in text and "wanted" not in text and "computing" not in text
-
-
-def test_track_and_tracking_print_the_same_numbers(driven):
-    options = ["--reference", "circle", "--size", "1", "--settled", "5", "--end-time", "15"]
-    options += ["--controller", "ModelPredictive", "--noise", "--model", MODEL]
-    simulated = program("track", *options, "--details")
-    assert simulated.returncode == 0, simulated.stderr
-    recorded = identify("tracking", driven[0], "--settled", "5", "--details").stdout
-    for word in ("Distance:", "saturated", "effort", "wanted", "computing"):
-        assert "\n%s " % word in simulated.stdout, word
-        assert "\n%s " % word in recorded, word
 
 
 def test_a_bag_without_a_reference_is_refused(tmp_path):

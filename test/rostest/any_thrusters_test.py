@@ -28,9 +28,9 @@ class AnyThrustersTest(ClosedLoopCase):
 
     def test_it_follows_a_circle(self):
         self.expect(S.RUNNING)
-        self.sleep(SETTLING)
+        harness.pass_time(SETTLING)
         begin = rospy.Time.now().to_sec()
-        self.sleep(WATCHED)
+        harness.pass_time(WATCHED)
         self.check_error(begin, WATCHED, BOUND)
         self.check_commands()
         self.check_a_command_for_another_craft()

@@ -19,13 +19,7 @@ class ClosedLoopCase(unittest.TestCase):
         self.status = harness.Latest("controller/status", S, keep=True)
 
     def expect(self, state):
-        harness.wait_for(
-            lambda: self.status.message and self.status.message.state == state, 40, "state %d" % state
-        )
-
-    def sleep(self, duration):
-        until = rospy.Time.now().to_sec() + duration
-        harness.wait_for(lambda: rospy.Time.now().to_sec() > until, 10 * duration, "time")
+        harness.wait_for_state(self.status, state)
 
     def places(self, heard, get):
         """Times [s], x and y [m] of all messages, (n, 3)."""

@@ -27,17 +27,9 @@ class CraftSensorsTest(unittest.TestCase):
         self.truth = harness.Latest("simulator/truth", State, keep=True)
         self.telemetry = harness.Latest("sender/telemetry", Telemetry)
 
-    def pass_time(self, duration):
-        until = rospy.Time.now().to_sec() + duration
-        harness.wait_for(lambda: rospy.Time.now().to_sec() > until, 10 * duration, "time")
-
     def test_velocities_are_better_by_the_sensors(self):
         self.assertAlmostEqual(rospy.get_param("mocap_state/imu/gyro_scale"), 0.0010642)
-        harness.wait_for(
-            lambda: self.status.message and self.status.message.state == ControllerStatus.RUNNING,
-            40,
-            "flight",
-        )
+        harness.wait_for_state(self.status, ControllerStatus.RUNNING)
         harness.wait_for(lambda: self.telemetry.message, 10, "telemetry")
         self.assertEqual(self.telemetry.message.voltage, 0, "this craft has no battery")
         harness.wait_for(
@@ -46,7 +38,7 @@ class CraftSensorsTest(unittest.TestCase):
             lambda: "sensors that count: %s" % [m.msg for _, m in list(self.log.all)][-5:],
         )
         begin = rospy.Time.now().to_sec()
-        self.pass_time(WATCHED)
+        harness.pass_time(WATCHED)
         seen, true = (
             np.array([(m.header.stamp.to_sec(), *m.nu) for _, m in list(heard.all)])
             for heard in (self.state, self.truth)

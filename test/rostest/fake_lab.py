@@ -18,7 +18,6 @@ FRAME = 0.01  # between frames of the mocap [s]
 FRICTION = 2.0  # deceleration by the floor without lift [m/s^2]
 WATCHDOG = 0.25  # after which the craft's motors stop without commands [s]
 HEIGHT = 0.04  # of the rigid body over the floor [m]
-LOST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))  # pose of a body that was never seen
 
 
 def ask_for_priority():

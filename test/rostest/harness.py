@@ -22,6 +22,17 @@ def wait_for(condition, timeout, message):
     raise AssertionError("waited %.1f s in vain: %s" % (timeout, text))
 
 
+def pass_time(duration):
+    """Waits for a duration [s] of the ROS clock."""
+    until = rospy.Time.now().to_sec() + duration
+    wait_for(lambda: rospy.Time.now().to_sec() > until, 10 * duration, "time")
+
+
+def wait_for_state(status, state, timeout=40):
+    """Waits for the state of the last message of a Latest."""
+    wait_for(lambda: status.message and status.message.state == state, timeout, "state %d" % state)
+
+
 class Repeater:
     """Calls `what` at a rate in a thread until stopped."""
 

@@ -33,17 +33,9 @@ class ModelFailureTest(unittest.TestCase):
         self.legend = harness.Latest("legend", MarkerArray)
         self.log = harness.Latest("/rosout", Log, keep=True)
 
-    def pass_time(self, duration):
-        until = rospy.Time.now().to_sec() + duration
-        harness.wait_for(lambda: rospy.Time.now().to_sec() > until, 10 * duration, "time")
-
     def test_the_failure_is_said_with_its_start_channel_and_next_step(self):
-        harness.wait_for(
-            lambda: self.status.message and self.status.message.state == ControllerStatus.RUNNING,
-            40,
-            "the craft to be driven",
-        )
-        self.pass_time(SETTLED)
+        harness.wait_for_state(self.status, ControllerStatus.RUNNING)
+        harness.pass_time(SETTLED)
         self.assertEqual({m.failure for _, m in self.error.all}, {""}, "nothing has changed yet")
         self.assertTrue(all(map(math.isnan, self.error.message.failing_since)))
         lost = rospy.Time.now().to_sec()

@@ -128,6 +128,7 @@ def _each_run(
     recordings = [recording.with_lift_of(first.core) for recording in recordings]
     lengths = [1 + int(recording.duration) for recording in recordings]
     runs = repaired(recordings, work)
+    recordings = [run.recording for run in runs]
     note_suspicions(recordings, first)
     tasks = []
     for run in runs:

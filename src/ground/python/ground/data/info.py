@@ -43,7 +43,8 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     recordings = list(bag_arguments.read(arguments))
     if model:
         recordings = [recording.with_lift_of(model) for recording in recordings]
-    described = findings.describe(api.repaired(recordings, arguments.work))
+    runs = api.repaired(recordings, arguments.work)
+    recordings, described = [run.recording for run in runs], findings.describe(runs)
     doubts = suspicions.about(recordings, model)
     described = findings.with_suspicions(described, doubts)
     of_all = [one.sentence for one in doubts if len(one.runs) > 1]

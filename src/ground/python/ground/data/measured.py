@@ -22,10 +22,16 @@ WORTH_REPAIRING = 2e4  # poses from which several processes repair recordings so
 
 
 def repaired(
-    found: Sequence[Recording], work: Work, model: Optional[_core.Model] = None
+    found: Sequence[Recording],
+    work: Work,
+    model: Optional[_core.Model] = None,
+    others: Sequence[Recording] = (),
 ) -> List[RepairedRun]:
-    """The recordings with their motion repaired, which takes time; work: told of each; model: of the craft,
-    whose channels are then judged in each recording."""
+    """The recordings with their motion repaired, which takes time. A mocap smooths all of them or none, so
+    that the recording of a RepairedRun may be a copy; the given ones stay as they are.
+
+    work: counts the repaired ones. model: of the craft, whose channels are then judged in each recording.
+    others: recordings of the same mocap from `repaired`, which decide whether it smooths."""
     thrusters = suspicions.judged_by(found, model)
     poses = sum(len(recording.eta) for recording in found)
     with work.stage(REPAIRING, len(found)):
@@ -36,21 +42,21 @@ def repaired(
                 quality.repaired(recording).recording = recording
         else:
             list(work.each(map(quality.repaired, found)))
-        _share_low_pass(found)
-        return [quality.repaired(recording) for recording in found]
+        return [quality.repaired(recording) for recording in _smoothed_alike(found, others)]
 
 
-def _share_low_pass(found: Sequence[Recording]) -> None:
-    """Takes all recordings as smoothed, or none, where some of them seem to be: a mocap smooths all alike."""
+def _smoothed_alike(found: Sequence[Recording], others: Sequence[Recording]) -> Sequence[Recording]:
+    """The recordings with the low-pass of their mocap; others: as `repaired` takes them."""
     alone = [recording.motion.low_pass for recording in found]
-    if None not in alone or not any(alone):
-        return
+    decided = [recording.motion.low_pass for recording in others]
+    answers = [one is not None for one in alone] + [any(decided)] * bool(decided)
+    if all(answers) or not any(answers):
+        return found
     seen = [(r.thrust, r.averaged, r.as_before(None) if r.motion.low_pass else r.motion) for r in found]
-    for recording, own, one in zip(found, alone, smoothed.shared(alone, seen)):
-        if one != own:
-            recording.known.clear()
-            recording.known["motion"] = recording.as_before(one)
-            recording.__dict__.pop("motion", None)
+    return [
+        recording if one == own else recording.with_low_pass(one)
+        for recording, own, one in zip(found, alone, smoothed.shared(alone, seen, decided))
+    ]
 
 
 def _repaired(thrusters: suspicions.Thrusters, recording: Recording) -> Dict[str, Any]:
@@ -120,9 +126,9 @@ class Measured:
 def measured(
     given: Recordings, model: Model, part: Part, work: Work, others: Sequence[Recording] = ()
 ) -> Measured:
-    """Recordings to fit to or to test on; work: told of what is done. Warns of possible errors of a
-    recording's repair, and of settings that differ among these and `others`. GroundError when a
-    recording cannot be used.
+    """Recordings to fit to or to test on; work: told of what is done; others: those that were fitted to, if
+    these are held out. Warns of possible errors of a recording's repair, and of settings that differ
+    among these and `others`. GroundError when a recording cannot be used.
     """
     if not model.core.input_max > 0:
         raise GroundError("the model's input_max is not positive")
@@ -130,7 +136,8 @@ def measured(
     if not found:
         raise GroundError(NO_RECORDING)
     note_differences(found, others)
-    runs = repaired(found, work, model.core)
+    runs = repaired(found, work, model.core, others)
+    found = [run.recording for run in runs]
     doubts = suspicions.about(found, model.core)
     for d in findings.with_suspicions([findings.described(run) for run in runs], doubts):
         for finding in findings.grave(d):

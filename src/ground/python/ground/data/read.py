@@ -133,7 +133,8 @@ def taken(given: Recordings) -> List[Recording]:
 def _flat(given: Any) -> Iterator[Recording]:
     """The given recordings, and those in the given bags, in sequences of any depth."""
     if isinstance(given, Recording):
-        yield given
+        # Without what the runs of an earlier call decided.
+        yield replace(given, decided=()) if given.decided else given
     elif isinstance(given, Iterable) and not isinstance(given, (str, os.PathLike)):
         for one in given:
             yield from _flat(one)

@@ -214,12 +214,18 @@ def recognised(thrust: Array, averaged: Averaged, motion: Motion) -> Optional[Lo
 
 
 def shared(
-    found: Sequence[Optional[LowPass]], seen: Sequence[Tuple[Array, Averaged, Motion]]
+    found: Sequence[Optional[LowPass]],
+    seen: Sequence[Tuple[Array, Averaged, Motion]],
+    decided: Sequence[Optional[LowPass]] = (),
 ) -> List[Optional[LowPass]]:
-    """What recordings of one mocap tell together where some are smoothed by themselves (found) and others are
-    not: the low-pass of each, or none of any. seen: of each recording, as `recognised` takes them, its
-    poses as they were measured."""
-    known = sorted((one for one in found if one), key=lambda one: one.corner)
+    """The low-pass of each recording of one mocap, or None for all of them.
+
+    found: the low-pass that each recording shows by itself; some are None. seen: arguments of `recognised`
+    for each recording, with its poses as measured. decided: low-passes of other recordings of the
+    mocap; where there are any, they decide whether it smooths."""
+    known = sorted((one for one in decided or found if one), key=lambda one: one.corner)
+    if not known:
+        return [None] * len(found)
     usual, evidence = known[len(known) // 2], []
     likeliest: List[Optional[LowPass]] = []
     for own, given in zip(found, seen):
@@ -230,7 +236,8 @@ def shared(
         misfit, one = spectrum.misfit(own or replace(usual, rate=spectrum.rate))
         evidence.append(spectrum.sound() - misfit + _Commands(*given).gain(one))
         likeliest.append(one if evidence[-1] > 0 else None)
-    return likeliest if sum(evidence) > SLACK * np.sqrt(len(evidence)) else [None] * len(found)
+    smooths = bool(decided) or sum(evidence) > SLACK * np.sqrt(len(evidence))
+    return likeliest if smooths else [None] * len(found)
 
 
 def _is_silent(spectrum: _Spectrum, thrust: Array, motion: Motion) -> bool:

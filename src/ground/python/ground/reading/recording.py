@@ -95,6 +95,8 @@ class Recording(Plotted):
     payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
     voltage: Optional[Voltage] = None  #: of the craft's battery, if recorded
     digest: str = ""  #: of the content of the files that it was read from; empty: none
+    # of the mocap, as all runs of one call say together; empty: as this run says
+    decided: Tuple[Optional[LowPass], ...] = ()
     known: Dict[str, Any] = field(default_factory=dict, init=False)  #: results of `once`, no part of the run
 
     def __getstate__(self) -> Dict[str, Any]:
@@ -181,6 +183,8 @@ class Recording(Plotted):
         of them is left."""
         if "motion" in self.known:
             return cast("repair.Motion", self.known["motion"])
+        if self.decided:
+            return self.as_before(self.decided[0])
         from ground.poses import smoothed
 
         motion = self.as_before(None)
@@ -193,6 +197,13 @@ class Recording(Plotted):
 
         given = self.name, self.pose_times, self.eta, self.clock_offset, self.noise, self.frame_rate
         return repair.repair(*given, low_pass)
+
+    def with_low_pass(self, low_pass: Optional[LowPass]) -> "Recording":
+        """The same run with the low-pass that was decided for all runs of a call; None: with no low-pass."""
+        copies = self.known.setdefault("with_low_pass", {})
+        if low_pass not in copies:
+            copies[low_pass] = replace(self, decided=(low_pass,))
+        return cast(Recording, copies[low_pass])
 
     @property
     def duration(self) -> float:
