@@ -96,7 +96,7 @@ class Recording(Plotted):
     voltage: Optional[Voltage] = None  #: of the craft's battery, if recorded
     digest: str = ""  #: of the content of the files that it was read from; empty: none
     # of the mocap, as all runs of one call say together; empty: as this run says
-    decided: Tuple[Optional[LowPass], ...] = ()
+    decided: "Tuple[Optional[LowPass], ...]" = ()
     known: Dict[str, Any] = field(default_factory=dict, init=False)  #: results of `once`, no part of the run
 
     def __getstate__(self) -> Dict[str, Any]:
@@ -198,7 +198,7 @@ class Recording(Plotted):
         given = self.name, self.pose_times, self.eta, self.clock_offset, self.noise, self.frame_rate
         return repair.repair(*given, low_pass)
 
-    def with_low_pass(self, low_pass: Optional[LowPass]) -> "Recording":
+    def with_low_pass(self, low_pass: "Optional[LowPass]") -> "Recording":
         """The same run with the low-pass that was decided for all runs of a call; None: with no low-pass."""
         copies = self.known.setdefault("with_low_pass", {})
         if low_pass not in copies:
