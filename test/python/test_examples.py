@@ -23,6 +23,7 @@ NOT_RUN = {
     "docs/simulation.md": "launch files, some with rviz; rostests fly them",
     "docs/tracking.md": "takes minutes and a running master; test_track.py and test_tune.py do so in short",
     "docs/watching.md": "needs a running launch file or a display; rostests watch",
+    "docs/howto/viewer.md": "needs a running launch file and a viewer; test_viewer.py serves one",
     "docs/howto/controller_cpp.md": "builds another workspace, as test_downstream.py does",
     "docs/howto/controller_python.md": "controller_python.test flies the node that the page shows",
     "docs/howto/discover.md": "takes many minutes; discover.test does so in short",
