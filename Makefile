@@ -21,7 +21,7 @@ options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY)) $(if $(NATIVE),-DGROUND_N
 .PHONY: build demo test fresh lint sanitize fuzz search promises falsify mutants coverage bench bench-hidden bench-mujoco bench-discover \
   bench-tracking \
   bench-soak bench-table bench-faults bench-plans \
-  bench-commands bench-diagnose bench-history bench-rates replay docs install clean
+  bench-commands bench-diagnose bench-history bench-rates bench-report replay docs install clean
 
 build: $(configured)
 	@.ci/build build
@@ -124,10 +124,15 @@ bench-diagnose: build
 bench-history: build
 	@$(in_workspace) test/bench/history.py $(OPTIONS)
 
-# How often p-values and intervals are wrong, beside what is claimed; prints the table of docs/benchmarks.md.
+# How often p-values and intervals are wrong, beside what is claimed, as a table and as build/rates.json.
 # OPTIONS="--only fitted --costly 60 --seed 5001"
 bench-rates: build
-	@$(in_workspace) test/bench/rates.py $(OPTIONS)
+	@$(in_workspace) test/bench/rates.py --json build/rates.json $(OPTIONS)
+
+# docs/benchmarks.md from test/bench/figures.json, after what the benches have left in build/.
+# OPTIONS="--results DIR", OPTIONS=--check
+bench-report: build
+	@$(in_workspace) test/bench/report.py $(OPTIONS)
 
 # An hour of simulated experiment: memory, timing, warnings. OPTIONS="seconds:=600"
 bench-soak: build

@@ -4,11 +4,14 @@
 The blocks `sh` of a page run in order, in one shell, in an empty home folder. The block `text` between one
 of them and the next shows what it prints: `...` on a line stands for any lines, at the end of a line for its
 rest. Numbers may differ a little, because processors round differently. A block after the comment
-`<!-- not run: REASON -->` is skipped. With --update the blocks `text` are rewritten instead.
+`<!-- not run: REASON -->` is skipped. With --update the blocks `text` are rewritten instead. Pages of a session
+run one after the other in the same shell.
 """
 
 import argparse
+import bisect
 import difflib
+import itertools
 import os
 import pathlib
 import re
@@ -18,7 +21,20 @@ import tempfile
 from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 DOCS = pathlib.Path(__file__).resolve().parent
-PAGES = ("tutorial.md", "howto/effect_yaml.md", "howto/other_craft.md", "howto/own_controller.md")
+SESSIONS = (
+    ("tutorial.md",),
+    ("howto/effect_yaml.md",),
+    ("howto/other_craft.md",),
+    ("howto/own_controller.md",),
+    tuple(
+        "verbs/%s.md" % verb
+        for verb in (
+            *("index", "info", "fit", "diagnose", "add", "compare"),
+            *("simulate", "tracking", "bench", "export"),
+        )
+    ),
+)
+PAGES = [page for session in SESSIONS for page in session]
 BLOCK = re.compile(r"^(<!-- not run: .+ -->\n+)?```(\w+)\n(.*?)^```$", re.M | re.S)
 FILE = re.compile(r"`(\w+\.yaml)`")  # a block `yaml` is saved under the next name that the text mentions
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w])")
@@ -166,15 +182,37 @@ def _cut(before: str, now: str) -> str:
 
 def checked(path: pathlib.Path, update: bool = False) -> List[str]:
     """Differences between a page and what its commands print; update: writes the page anew."""
-    page = path.read_text()
+    return checked_session([path], update)
+
+
+def checked_session(paths: Sequence[pathlib.Path], update: bool = False) -> List[str]:
+    """As `checked`, for pages whose commands run one after the other in one shell."""
+    texts = [path.read_text() for path in paths]
+    page = "".join(texts)
     blocks = run(page)
-    if update:
-        for shown in reversed(blocks):
-            text = "".join(line + "\n" for line in updated(shown))
-            page = page[: shown.start] + text + page[shown.end :]
-        path.write_text(page)
-        return []
-    return [line for shown in blocks for line in differences(shown)]
+    if not update:
+        return [line for shown in blocks for line in differences(shown)]
+    ends = list(itertools.accumulate(map(len, texts)))
+    for shown in reversed(blocks):
+        number = bisect.bisect_right(ends, shown.start)
+        start = ends[number] - len(texts[number])
+        text = "".join(line + "\n" for line in updated(shown))
+        before, after = texts[number][: shown.start - start], texts[number][shown.end - start :]
+        texts[number] = before + text + after
+    for path, text in zip(paths, texts):
+        path.write_text(text)
+    return []
+
+
+def sessions(paths: Sequence[pathlib.Path]) -> List[Tuple[pathlib.Path, ...]]:
+    """The sessions of some pages; a page that has none is a session of its own."""
+    known = [tuple(DOCS / name for name in session) for session in SESSIONS]
+    found: List[Tuple[pathlib.Path, ...]] = []
+    for path in map(pathlib.Path.resolve, paths):
+        one = next((session for session in known if path in session), (path,))
+        if one not in found:
+            found.append(one)
+    return found
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
@@ -183,10 +221,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     parser.add_argument("--update", action="store_true", help="write what is printed into the pages")
     given = parser.parse_args(arguments)
     failed = False
-    for path in given.pages:
-        for line in checked(path, given.update):
+    for session in sessions(given.pages):
+        for line in checked_session(session, given.update):
             failed = True
-            print("%s: %s" % (path.name, line))
+            print("%s: %s" % (session[0].name, line))
     return int(failed)
 
 

@@ -7,6 +7,7 @@ rates together. Draws that say several things, such as five intervals, count as 
 """
 
 import argparse
+import json
 import multiprocessing
 import os
 import tempfile
@@ -279,17 +280,25 @@ def contradicted(claim, rate, count, among):
     return (claim.sense != LEAST and low > claim.rate) or (claim.sense != MOST and high < claim.rate)
 
 
-def table(found):
-    """The rows of the table."""
-    yield "| what | claimed | measured | of | 95% interval |"
-    yield "| --- | --- | --- | --- | --- |"
+def rows(found):
+    """The rows of the table, for --json."""
     for name, claim in CLAIMS.items():
         if name in found:
             rate, count, (low, high) = summary(found[name])
-            mark = " (contradicts the claim)" if contradicted(claim, rate, count, len(found)) else ""
-            numbers = 100 * rate, mark, len(found[name]), 100 * low, 100 * high
-            said = "| %.3g%%%s | %d | %.2g to %.3g%% |" % numbers
-            yield "| %s | %s%.3g%% %s" % (claim.what, claim.sense, 100 * claim.rate, said)
+            wrong = bool(contradicted(claim, rate, count, len(found)))
+            row = {"what": claim.what, "claimed": claim.sense + "%.3g%%" % (100 * claim.rate), "rate": rate}
+            yield dict(row, low=float(low), high=float(high), draws=len(found[name]), contradicted=wrong)
+
+
+def table(found):
+    """The lines of the table."""
+    yield "| what | claimed | measured | of | 95% interval |"
+    yield "| --- | --- | --- | --- | --- |"
+    for row in rows(found):
+        mark = " (contradicts the claim)" if row["contradicted"] else ""
+        numbers = 100 * row["rate"], mark, row["draws"], 100 * row["low"], 100 * row["high"]
+        said = "| %.3g%%%s | %d | %.2g to %.3g%% |" % numbers
+        yield "| %s | %s %s" % (row["what"], row["claimed"], said)
 
 
 def main():
@@ -299,6 +308,7 @@ def main():
     parser.add_argument("--seed", type=int, default=1, help="of the first draw (%(default)s)")
     parser.add_argument("--jobs", type=int, default=1, help="processes (%(default)s)")
     parser.add_argument("--only", nargs="+", choices=[d.__name__ for d in CHEAP + COSTLY], help="draws")
+    parser.add_argument("--json", metavar="FILE", help="file for the rows")
     arguments = parser.parse_args()
     found = {}
     with multiprocessing.Pool(arguments.jobs) as pool:
@@ -306,6 +316,9 @@ def main():
             chosen = [d for d in draws if not arguments.only or d.__name__ in arguments.only]
             found.update(rates(chosen, count, arguments.seed, pool.imap))
     print("\n".join(table(found)))
+    if arguments.json:
+        with open(arguments.json, "w") as file:
+            json.dump(list(rows(found)), file, indent=1)
 
 
 if __name__ == "__main__":

@@ -135,6 +135,10 @@ def test_printed_commands_are_accepted(page):
     assert list(complaints(page)) == []
 
 
+def test_the_change_log_can_be_read():
+    assert len((ROOT / "CHANGELOG.md").read_text().splitlines()) <= 250
+
+
 def test_every_effect_has_its_equation():
     from ground import _core
 

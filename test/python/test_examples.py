@@ -18,19 +18,17 @@ NOT_RUN = {
     "README.md": "the demo and a launch with rviz; the tutorial has the verbs",
     "CONTRIBUTING.md": "builds and tests this workspace",
     "docs/bench.md": "needs a craft on a scale",
-    "docs/discovery.md": "takes many minutes; test_discovery.py discovers",
     "docs/experiment.md": "needs a room with a craft; rostests fly a simulated one",
-    "docs/identification.md": "names recordings of a reader; the tutorial has the verbs",
     "docs/second_craft.md": "names recordings of others; test_four_thrusters.py fits and diagnoses them",
     "docs/simulation.md": "launch files, some with rviz; rostests fly them",
     "docs/tracking.md": "takes minutes and a running master; test_track.py and test_tune.py do so in short",
     "docs/watching.md": "needs a running launch file or a display; rostests watch",
+    "docs/howto/viewer.md": "needs a running launch file and a viewer; test_viewer.py serves one",
     "docs/howto/controller_cpp.md": "builds another workspace, as test_downstream.py does",
     "docs/howto/controller_python.md": "controller_python.test flies the node that the page shows",
     "docs/howto/discover.md": "takes many minutes; discover.test does so in short",
     "docs/howto/effect_cpp.md": "its effect has to be built first; test_docs.py compiles it",
     "docs/howto/file_format.md": "names recordings of a reader; test_mapping.py drafts mappings",
-    "docs/howto/history.md": "names the recordings of a laboratory; test_history.py has such",
     "docs/howto/index.md": "sets variables for the pages below it",
     "docs/howto/plot.md": "the test of its blocks of Python runs it",
     "docs/howto/without_ros.md": "installs packages; test_wheel.py does so in an environment of its own",
@@ -74,9 +72,9 @@ BEFORE = {
 
 
 @slow
-@pytest.mark.parametrize("name", examples.PAGES)
-def test_a_page_shows_what_its_commands_print(name):
-    assert examples.checked(examples.DOCS / name) == []
+@pytest.mark.parametrize("session", examples.SESSIONS, ids=lambda session: session[0])
+def test_pages_show_what_their_commands_print(session):
+    assert examples.checked_session([examples.DOCS / name for name in session]) == []
 
 
 def name_of(page):
