@@ -17,6 +17,7 @@ __path__ = _extend_path(__path__, __name__)
 _PUBLIC = {
     "analysis.effects": "Effect EffectParameter Effects effects",
     "comparing.predict": "Prediction predict",
+    "comparing.predictor": "Predictor",
     "fitting.add": "Addition add",
     "discovery.discover": "Discovery discover",
     "data.measured": "read",
@@ -38,12 +39,14 @@ _PUBLIC = {
     "results.plot": "Figures plot",
     "simulation.simulate": "simulate",
     "simulation.simulated_run": "SimulatedRun",
+    "workbench.workbench": "workbench",
 }
 _HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
 if TYPE_CHECKING:
     from ground.analysis.effects import Effect, EffectParameter, Effects, effects
     from ground.comparing.compare import compare
     from ground.comparing.predict import Prediction, predict
+    from ground.comparing.predictor import Predictor
     from ground.comparing.result import Comparison, RunComparison
     from ground.control.track import Tracking, track
     from ground.data.measured import read
@@ -64,6 +67,7 @@ if TYPE_CHECKING:
     from ground.simulation.simulate import simulate
     from ground.simulation.simulated_run import SimulatedRun
     from ground.support.errors import GroundError, GroundWarning, OptionError
+    from ground.workbench.workbench import workbench
 
 __all__ = [  # the names of _HOMES, repeated for type checkers
     "Addition",
@@ -85,6 +89,7 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "OptionError",
     "Parameter",
     "Prediction",
+    "Predictor",
     "Recording",
     "Room",
     "RunComparison",
@@ -104,6 +109,7 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "simulate",
     "to_mcap",
     "track",
+    "workbench",
 ]
 
 

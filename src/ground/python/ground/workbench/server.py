@@ -1,0 +1,176 @@
+"""The workbench's server: one page, its data as JSON, and events; for this computer alone."""
+
+import gzip
+import hmac
+import json
+import os
+import re
+import threading
+import traceback
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any, Callable, Dict, Optional, Tuple
+from urllib.parse import parse_qs, urlsplit
+
+from ground.support import errors, files
+from ground.support.annotations import Document
+from ground.workbench.session import Session
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+MOST_BYTES = 64 * 1024  # of a request
+HOSTS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d+)?")
+SILENCE = 10.0  # time after which an open page is sent a line, so that it sees that the server lives [s]
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src data: blob:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+KINDS = {".js": "text/javascript", ".css": "text/css", ".html": "text/html"}
+Action = Callable[[Document], Any]
+
+
+class Server(ThreadingHTTPServer):
+    """Serves a session on the loopback address. actions: by name, functions of a request's content."""
+
+    daemon_threads = True
+    allow_reuse_address = True
+
+    def __init__(self, port: int, secret: str, session: Session, actions: Dict[str, Action]) -> None:
+        self.secret, self.session, self.actions = secret, session, actions
+        self.pages = {"/" + name: _packed(name) for name in ("page.html", "page.js", "page.css")}
+        self.pages["/"] = self.pages.pop("/page.html")
+        self.pages["/plotly.js"] = _plotly()
+        super().__init__(("127.0.0.1", port), Handler)
+
+    @property
+    def address(self) -> str:
+        """The address to open, with the secret."""
+        return "http://127.0.0.1:%d/?token=%s" % (self.server_address[1], self.secret)
+
+
+class Handler(BaseHTTPRequestHandler):
+    """One request. Refused: hosts that are not this computer, pages of other origins, wrong secrets, large
+    requests."""
+
+    protocol_version = "HTTP/1.1"
+    timeout = 120
+    server: Server
+
+    def do_GET(self) -> None:
+        """Sends the page, its parts, or events."""
+        place = urlsplit(self.path)
+        if not self._foreign():
+            if place.path in ("/page.js", "/page.css", "/plotly.js"):  # the same for everybody
+                self._send(200, *self.server.pages[place.path], gzipped=True)
+            elif not self._may(parse_qs(place.query).get("token", [""])[0]):
+                self._refuse(403, "wrong or missing token: open the address that the workbench has printed")
+            elif place.path == "/":
+                self._send(200, *self.server.pages["/"], gzipped=True)
+            elif place.path == "/events":
+                self._events()
+            else:
+                self._refuse(404, "there is no such page")
+
+    def do_POST(self) -> None:
+        """Does an action, whose content and answer are JSON."""
+        if self._foreign():
+            return
+        if not self._may(self.headers.get("X-Token", "")):
+            return self._refuse(403, "wrong or missing token")
+        length = self.headers.get("Content-Length", "")
+        if not length.isdigit() or int(length) > MOST_BYTES:
+            return self._refuse(413, "a request has at most %d bytes" % MOST_BYTES)
+        if self.headers.get("Content-Type", "").partition(";")[0] != "application/json":
+            return self._refuse(415, "a request is JSON")
+        name = urlsplit(self.path).path.lstrip("/")
+        if name not in self.server.actions:
+            return self._refuse(404, "there is no action %s" % name[:40])
+        try:
+            content = json.loads(self.rfile.read(int(length)))
+            if not isinstance(content, dict):
+                raise ValueError("not an object")
+            answer, status = self.server.actions[name](content), 200
+        except errors.GroundError as error:
+            answer, status = {"refused": errors.sentence(error)}, 400
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
+            if os.environ.get("GROUND_DEBUG"):
+                traceback.print_exc()
+            answer, status = {"refused": "not a request of this page: %s" % str(error)[:200]}, 400
+        body = json.dumps(files.plain(answer), separators=(",", ":")).encode()
+        self._send(status, body, "application/json")
+
+    def _events(self) -> None:
+        """Tells the page, as long as it is open, the number of the newest state."""
+        self.send_response(200)
+        self.send_header("Content-Type", "text/event-stream")
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Connection", "close")
+        self.end_headers()
+        self.close_connection = True
+        session, seen = self.server.session, -1
+        try:
+            while True:
+                with session.changed:
+                    session.changed.wait_for(lambda: session.version != seen, SILENCE)
+                    seen = session.version
+                self.wfile.write(b"data: %d\n\n" % seen)
+                self.wfile.flush()
+        except OSError:
+            pass  # the page was closed
+
+    def _may(self, token: str) -> bool:
+        return hmac.compare_digest(token.encode("utf-8", "replace"), self.server.secret.encode())
+
+    def _foreign(self) -> bool:
+        """Refuses a request that does not come from a page of this server: by another name of the host, as
+        after DNS rebinding, or from another origin."""
+        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        if not HOSTS.fullmatch(host):
+            self._refuse(403, "this server is for this computer alone")
+        elif origin not in (None, "http://" + host) or self.headers.get("Sec-Fetch-Site") == "cross-site":
+            self._refuse(403, "requests of other pages are refused")
+        else:
+            return False
+        return True
+
+    def _refuse(self, status: int, why: str) -> None:
+        self.close_connection = True  # what follows may be what was too long
+        self._send(status, json.dumps({"refused": why}).encode(), "application/json")
+
+    def _send(self, status: int, body: bytes, kind: str, gzipped: bool = False) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind + "; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        if gzipped:
+            self.send_header("Content-Encoding", "gzip")
+        if self.close_connection:
+            self.send_header("Connection", "close")
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Content-Security-Policy", POLICY)
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("Referrer-Policy", "no-referrer")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *what: Any) -> None:
+        """Nothing is printed of requests."""
+
+
+def _packed(name: str) -> Tuple[bytes, str]:
+    with open(os.path.join(HERE, name), "rb") as file:
+        return gzip.compress(file.read()), KINDS[os.path.splitext(name)[1]]
+
+
+def _plotly() -> Tuple[bytes, str]:
+    from plotly.offline import get_plotlyjs
+
+    return gzip.compress(get_plotlyjs().encode(), 3), KINDS[".js"]
+
+
+def serve(server: Server, ended: Optional[threading.Event] = None) -> None:
+    """Serves until Ctrl-C, or until an event."""
+    thread = threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True)
+    thread.start()
+    try:
+        (ended or threading.Event()).wait()
+    finally:
+        server.shutdown()
+        server.server_close()
