@@ -33,7 +33,11 @@ VERBS = [
     Verb("discover", "discovery.discover", "a simulated craft flies and finds its own physics"),
     Verb("add", "fitting.add", "adds an effect to a model, refits it, and shows the error before and after"),
     Verb("history", "ledger.history", "what drifts, what jumped, and which craft is odd, over many runs"),
-    Verb("workbench", "workbench.workbench", "a page to fit, look where the model fails, and add what is missing"),
+    Verb(
+        "workbench",
+        "workbench.workbench",
+        "a page to fit, look where the model fails, and add what is missing",
+    ),
     Verb("export", "exporting.export", "a model as NumPy, CasADi or C code; a run as MCAP for viewers"),
     Verb("tracking", "control.tracking", "how recorded crafts followed their reference"),
 ]

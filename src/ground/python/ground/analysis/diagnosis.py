@@ -443,9 +443,7 @@ class Diagnosis:
         fit = self.search.fits.get(frozenset([trial.name]))
         if fit is None or not len(self.starts.windows):
             return None
-        return horizon.PoseError.of(
-            self.starts.errors(self.runs, [fit.model] * len(self.starts.windows))
-        )
+        return horizon.PoseError.of(self.starts.errors(self.runs, [fit.model] * len(self.starts.windows)))
 
     def judged_of(self, trial: evidence.Trial) -> Optional[folds.Judged]:
         """folds.Judged of the nominal model with a Trial's effect; None if it was not refitted."""

@@ -77,9 +77,10 @@ def diagnose(
     and decides nothing. Without it, parts of recordings are held out. told: called with each line of the
     verdict as soon as it is known. tried: called during the search, whenever more is known of single effects,
     with what is: dictionaries as in the report's `candidates`, the best first, and `prediction`, how far
-    predicted poses are off with the effect. An exception that it raises ends the search. progress: called with a ground.support.progress.Report at each step.
-    GroundError when a file cannot be read, there is no such effect or the recordings are too short.
-    Options, as keyword arguments or as DiagnoseOptions:
+    predicted poses are off with the effect. An exception that it raises ends the search. progress: called
+    with a ground.support.progress.Report at each step. GroundError when a file cannot be read,
+    there is no such effect or the recordings are too short. Options, as keyword arguments or as
+    DiagnoseOptions:
 
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "quadratic_drag"])
     >>> found.verdict, found.effects  # this craft turns by itself
@@ -112,9 +113,7 @@ def diagnose(
 
     def begun() -> diagnosis.Diagnosis:
         """The model as it is, refitted."""
-        return diagnosis.Diagnosis(
-            seen.data, given.core, to_try, work=work, matters=matters, tested=tested
-        )
+        return diagnosis.Diagnosis(seen.data, given.core, to_try, work=work, matters=matters, tested=tested)
 
     found = begun()
     misread = not options.as_recorded and any(one["misread"] for one in noted)

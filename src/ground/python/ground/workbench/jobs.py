@@ -31,7 +31,9 @@ class Jobs:
         address, key = os.path.join(self._folder, "jobs"), secrets.token_bytes(16)
         self._heard, self._listener = heard, Listener(address, "AF_UNIX", authkey=key)
         self._orders, orders = multiprocessing.Pipe()
-        self._last, self._pids, self._ended = 0, {}, set()  # type: int, Dict[int, int], Set[int]
+        self._last = 0
+        self._pids: Dict[int, int] = {}
+        self._ended: Set[int] = set()
         self._lock = threading.Lock()
         self._parent = os.fork()
         if self._parent == 0:
@@ -120,9 +122,7 @@ def _fork_jobs(orders: Connection, address: str, key: bytes, work: Work) -> None
     os._exit(0)
 
 
-def _do(
-    number: int, kind: str, arguments: Tuple[Any, ...], address: str, key: bytes, work: Work
-) -> None:
+def _do(number: int, kind: str, arguments: Tuple[Any, ...], address: str, key: bytes, work: Work) -> None:
     """A job, in its process."""
     status = 1
     try:

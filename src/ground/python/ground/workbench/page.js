@@ -3,10 +3,10 @@ const token = new URLSearchParams(location.search).get("token") || "";
 const $ = id => document.getElementById(id);
 const VELOCITIES = [["u", "surge u [m/s]"], ["v", "sway v [m/s]"], ["r", "yaw rate r [rad/s]"]];
 const LONG = 60;  // of a longer run, the first so many seconds are shown at first
-const config = {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "toImage"]};
+const config = {responsive: true, displayModeBar: false};
 let S = null, draft = {}, dragging = false, view = {run: "", from: 0, to: 0}, other = "", brushed = null, drawnOf = "", triedOf = "";
 let known = {};  // what is drawn: measured, curves, missing
-window.timing = {drag: [], all: [], first: 0, act: []};
+window.timing = {drag: [], net: [], all: [], first: 0, act: []};
 
 /* The server */
 
@@ -138,7 +138,7 @@ async function drag(name, value) {
     while (pending) {
       const begun = pending; pending = 0;
       const found = await api("curves", {...at(), values: draft});
-      known.curves = found.predicted;
+      known.curves = found.predicted; window.timing.net.push(performance.now() - begun);
       await Plotly.restyle($("motion"), predictedOf(found.predicted), known.places);
       window.timing.drag.push(performance.now() - begun);
     }
@@ -177,7 +177,7 @@ function showBars(now) {
   rows.push(bar(`now, ${now.by}`, now.error, most, floor, "now"));
   if (beside) rows.push(bar(`model ${beside.id}: ${beside.what}`, beside.error, most, floor));
   if (S.runs.some(run => run.role === "held out")) {
-    const open = make("button", {id: "open", textContent: S.opened ? `Open again (seen ${S.opened} times)`.replace("1 times", "once") : "Open: then it is no longer unseen", onclick: () => act("open")});
+    const open = make("button", {id: "open", textContent: S.opened ? `Open again (seen ${S.opened} times)`.replace("1 times", "once") : "Open (not seen yet)", onclick: () => act("open")});
     if (now.holdout) rows.push(bar(`held out, seen ${S.opened === 1 ? "once" : S.opened + " times"}`, now.holdout, most, floor, "out"));
     else rows.push(bar("held out, sealed", null, most, floor, "out", open));
   }
@@ -316,13 +316,13 @@ async function drawMissing(mine, range) {
   const colour = css("--model"), traces = [], layout = {margin: {t: 4, b: 30, l: 52, r: 8}, hovermode: "x", xaxis: {range, title: {text: "time [s]", standoff: 2}, anchor: "y3", domain: [0, .66]}};
   found.channels.forEach((c, i) => {
     const y = ["y", "y2", "y3"][i];
-    traces.push(line([...found.t, ...found.t.slice().reverse()], [...c.low, ...c.high.slice().reverse()], "", colour, {yaxis: y, fill: "toself", line: {width: 0}, opacity: .25, hoverinfo: "skip"}));
+    traces.push(line([...found.t, ...found.t.slice().reverse()], [...c.low, ...c.high.slice().reverse()], "", colour, {yaxis: y, fill: "toself", fillcolor: colour + "40", line: {width: 0}, hoverinfo: "skip"}));
     traces.push(line(found.t, c.y, "missing " + c.name, colour, {yaxis: y}));
     layout["yaxis" + (i ? i + 1 : "")] = {title: {text: `${c.name} [${c.unit}]`, font: {size: 10}, standoff: 2}, domain: [1 - (i + 1) / 3 + .03, 1 - i / 3], nticks: 4, zeroline: true};
   });
   const c = found.channels.find(one => one.name === $("channel").value), most = Math.max(...c.y.map(Math.abs));
   traces.push({x: found.y, y: found.x, mode: "markers", type: "scatter", xaxis: "x2", yaxis: "y4", customdata: found.t, hovertemplate: "%{marker.color:.3g}<extra></extra>",
-    marker: {size: 4, color: c.y, colorscale: "RdBu", cmin: -most, cmax: most, showscale: true, colorbar: {thickness: 8, title: {text: `${c.name} [${c.unit}]`, font: {size: 9}}, tickfont: {size: 9}}}});
+    marker: {size: 4, color: c.y, colorscale: "RdBu", cmin: -most, cmax: most, showscale: true, colorbar: {thickness: 8, x: .97, tickfont: {size: 9}}}});
   Object.assign(layout, {xaxis2: {domain: [.75, .95], anchor: "y4", title: {text: "y [m]", standoff: 2}}, yaxis4: {anchor: "x2", scaleanchor: "x2", title: {text: "x [m]", standoff: 0}}});
   await Plotly.react($("wrench"), traces, dark(layout), config);
   listen("wrench", range);

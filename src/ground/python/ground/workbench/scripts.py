@@ -52,7 +52,10 @@ def python(session: Session) -> str:
         if kind == "start":
             lines.append("models[1] = given")
         elif kind == "set":
-            lines.append("models[%d] = ground.Model.parse(%s.with_values(%r).format())" % (number, before, node["values"]))
+            lines.append(
+                "models[%d] = ground.Model.parse(%s.with_values(%r).format())"
+                % (number, before, node["values"])
+            )
         elif kind == "fit":
             lines.append("free = %r" % list(node["parameters"]))
             lines.append("found = ground.fit(%s, %s, free=free)" % (before, at))
@@ -90,7 +93,11 @@ def shell(session: Session) -> str:
         else:
             effect = node["effect"]
             if not isinstance(effect, str):
-                lines += ["cat > effect_%d.yaml <<'EFFECT'" % node["id"], _yaml(effect).rstrip("\n"), "EFFECT"]
+                lines += [
+                    "cat > effect_%d.yaml <<'EFFECT'" % node["id"],
+                    _yaml(effect).rstrip("\n"),
+                    "EFFECT",
+                ]
             name = effect if isinstance(effect, str) else "effect_%d.yaml" % node["id"]
             lines.append("identify add %s %s --model %s -o %s --force%s" % (name, bags, before, file, more))
     return "\n".join([*lines, "cp step_%d.yaml model.yaml" % session.current]) + "\n"

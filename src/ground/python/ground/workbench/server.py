@@ -108,9 +108,7 @@ class Handler(BaseHTTPRequestHandler):
         session, seen = self.server.session, -1
         try:
             while True:
-                with session.changed:
-                    session.changed.wait_for(lambda: session.version != seen, SILENCE)
-                    seen = session.version
+                seen = session.wait(seen, SILENCE)
                 self.wfile.write(b"data: %d\n\n" % seen)
                 self.wfile.flush()
         except OSError:

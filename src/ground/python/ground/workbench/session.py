@@ -1,8 +1,8 @@
-"""What a person has done on the workbench: a tree of models, runs and their roles, and what is known of them."""
+"""What a person has done on the workbench: a tree of models, roles of runs, and what is known of them."""
 
 import threading
 from dataclasses import asdict
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from ground.analysis import candidates
 from ground.comparing.predictor import Predictor
@@ -36,13 +36,16 @@ class Session:
         self.changed = threading.Condition(self.lock)
         self.version = 0
         self.nodes: Dict[int, Document] = {}
-        self.current, self.roles = 0, {}  # type: int, Dict[str, str]
+        self.current = 0
+        self.roles: Dict[str, str] = {}
         self.cuts: work.Cuts = {}
         self.judge: Optional[List[Any]] = None
         self.search: Document = {"state": "none", "rows": []}
         self.formula: Document = {}
         self.running: Dict[int, Document] = {}
-        self.last: Dict[str, Document] = {}  # by kind of job, the result that makes no model, or why it failed
+        self.last: Dict[
+            str, Document
+        ] = {}  # by kind of job, the result that makes no model, or why it failed
         self.opened = 0  # how often held-out runs were seen
         self._ready: Dict[str, Predictor] = {}
         self._quality = {d["name"]: d for d in findings.describe([quality.repaired(r) for r in recordings])}
@@ -63,7 +66,13 @@ class Session:
             self._do(own)
             roles = {r.name: HELD_OUT if r.name in held_out else FIT for r in recordings}
             self._do({"event": "roles", "roles": roles})
-            first = {"id": 1, "parent": 0, "kind": "start", "what": "the given model", "model": model.format()}
+            first = {
+                "id": 1,
+                "parent": 0,
+                "kind": "start",
+                "what": "the given model",
+                "model": model.format(),
+            }
             self._do({"event": "node", "node": self._judged(first)})
         self.jobs: Optional[Jobs] = None
 
@@ -80,6 +89,12 @@ class Session:
         with self.changed:
             self.version += 1
             self.changed.notify_all()
+
+    def wait(self, seen: int, seconds: float) -> int:
+        """The number of the state, as soon as it is not the one that was seen, or after a time."""
+        with self.changed:
+            self.changed.wait_for(lambda: self.version != seen, seconds)
+            return self.version
 
     def _apply(self, event: Document) -> None:
         kind = event["event"]
@@ -154,18 +169,20 @@ class Session:
             return {
                 "version": self.version,
                 "runs": [self._run(recording) for recording in self.recordings],
-                "nodes": [
-                    {k: v for k, v in node.items() if k != "model"} for node in self.nodes.values()
-                ],
+                "nodes": [{k: v for k, v in node.items() if k != "model"} for node in self.nodes.values()],
                 "current": self.current,
                 "effects": list(model.effects),
                 "parameters": [
                     {
-                        "name": p["name"], "unit": p["unit"], "doc": p["doc"], "value": model[p["name"]],
-                        "lower": p["lower"], "upper": p["upper"],
+                        "name": p["name"],
+                        "unit": p["unit"],
+                        "doc": p["doc"],
+                        "value": model[p["name"]],
+                        "lower": p["lower"],
+                        "upper": p["upper"],
                     }
                     for p in model.core.parameters()
-                ],  # fmt: skip
+                ],
                 "judge": self.judge,
                 "search": self.search,
                 "formula": self.formula,
@@ -319,7 +336,13 @@ class Session:
                           "proposal": None, "next": None, "judge": self.judge})  # fmt: skip
             more = {"judge": self.judge} if kind == "search" else effect
             number = self.jobs.begin(kind, self.nodes[node]["model"], names, self.cuts, more)
-            self.running[number] = {"id": number, "kind": kind, "node": node, "effect": effect, "told": "begins"}
+            self.running[number] = {
+                "id": number,
+                "kind": kind,
+                "node": node,
+                "effect": effect,
+                "told": "begins",
+            }
             self.tell()
             return number
 

@@ -44,7 +44,13 @@ def words(unit: Unit) -> str:
         return " ".join(name + (str(n) if n > 1 else "") for name, n in order)
 
     over, under = part(1) or "1", part(-1)
-    return "%s/%s" % (over, "(%s)" % under if " " in under else under) if under else over.replace("1", "-", 1) if over == "1" else over
+    return (
+        "%s/%s" % (over, "(%s)" % under if " " in under else under)
+        if under
+        else over.replace("1", "-", 1)
+        if over == "1"
+        else over
+    )
 
 
 def _terms(tree: ast.expr) -> Sequence[ast.expr]:

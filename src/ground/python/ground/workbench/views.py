@@ -11,7 +11,7 @@ from ground.recordings import quality
 from ground.reports.appearance import scaled
 from ground.support.annotations import Array, Document
 
-MOST_POINTS = 1600  # of a curve
+MOST_POINTS = 1000  # of a curve
 MOST_SECONDS = 120.0  # of a run that are predicted at once; a longer part is shown in its first ones
 
 

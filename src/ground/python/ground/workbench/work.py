@@ -39,7 +39,11 @@ def worker(recordings: Sequence[Recording], room: Optional[Room]) -> Callable[..
         elif kind in ("add", "try"):
             tell("done", added(ground.add(model, Effect.of(more), runs, progress=progress)))
         else:
-            runs = [run.within(*more["judge"][1:]) for run in runs if run.name == more["judge"][0]] if more["judge"] else runs
+            runs = (
+                [run.within(*more["judge"][1:]) for run in runs if run.name == more["judge"][0]]
+                if more["judge"]
+                else runs
+            )
             tell("done", searched(model, runs, room, tell, progress))
 
     return work
@@ -72,7 +76,11 @@ def added(found: ground.Addition) -> Document:
 
 
 def searched(
-    model: Model, runs: Sequence[Recording], room: Optional[Room], tell: Tell, progress: Callable[[Report], None]
+    model: Model,
+    runs: Sequence[Recording],
+    room: Optional[Room],
+    tell: Tell,
+    progress: Callable[[Report], None],
 ) -> Document:
     """A Diagnosis; rows of the list are told of while it goes on."""
     found = ground.diagnose(
@@ -99,7 +107,12 @@ def searched(
         "answer": [list(line) for line in answer.known_first(report)],
         "proposal": proposal and proposal.entry,
         "means": report["unexplained"]["proposal"] and report["unexplained"]["proposal"]["means"],
-        "next": planned and {**planned, "path": _flown(found.improved, found.next_inputs), "inputs": found.next_inputs.tolist()},
+        "next": planned
+        and {
+            **planned,
+            "path": _flown(found.improved, found.next_inputs),
+            "inputs": found.next_inputs.tolist(),
+        },
     }
 
 
@@ -113,7 +126,9 @@ def _row(row: Document, means: Document) -> Document:
     """A row of the list of effects."""
     meaning = Effect(row["effect"]).meaning or means.get(row["effect"], "")
     sizes = [
-        "%s %s" % (name, _parameter_words(name, p)) for name, p in row["parameters"].items() if p["identified"]
+        "%s %s" % (name, _parameter_words(name, p))
+        for name, p in row["parameters"].items()
+        if p["identified"]
     ]
     return {
         "effect": row["effect"],
@@ -135,7 +150,13 @@ def _parameter_words(name: str, p: Document) -> str:
 
 
 def _parameter(p: Parameter) -> Document:
-    return {"value": p.value, "ci95": list(p.ci95), "unit": p.unit, "identified": p.identified, "words": p.words}
+    return {
+        "value": p.value,
+        "ci95": list(p.ci95),
+        "unit": p.unit,
+        "identified": p.identified,
+        "words": p.words,
+    }
 
 
 def pose_error(found: PoseError) -> Document:

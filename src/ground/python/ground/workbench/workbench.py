@@ -31,7 +31,9 @@ OLDEST = (3, 8)
 class WorkbenchOptions:
     """Where the page is."""
 
-    port: int = option(0, "port on the loopback address (a free one)", type=int, metavar="N", range=(0, 65535))
+    port: int = option(
+        0, "port on the loopback address (a free one)", type=int, metavar="N", range=(0, 65535)
+    )
     no_browser: bool = option(False, "print the address, and open no browser")
     room: Optional[RoomLike] = option(
         None, "room of the next experiment (that of the first run that has one)", metavar="ROOM.yaml"
@@ -91,7 +93,7 @@ def actions(session: Session, folder: str, given: Model) -> Dict[str, Callable[[
 
     def curves(of: Document) -> Document:
         ready, model, run, start, end = view(of)
-        return {"predicted": views.curves(ready, model, run, start, end), "error": views.error(ready, model)}
+        return {"predicted": views.curves(ready, model, run, start, end)}
 
     def measured(of: Document) -> Document:
         ready, _, run, start, end = view(of)
@@ -145,7 +147,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     bag_arguments.add_bag_arguments(parser)
     command_line.add_model(parser, "the model to start from")
     parser.add_argument(
-        "-o", "--output", metavar="DIR", default="workbench", help="folder of the work file, and of what is saved (%(default)s)"
+        "-o",
+        "--output",
+        metavar="DIR",
+        default="workbench",
+        help="folder of the work file, and of what is saved (%(default)s)",
     )
     bag_arguments.add_holdout_argument(parser)
     command_line.add_options(parser, WorkbenchOptions)
@@ -153,7 +159,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs identify workbench; returns what --json prints."""
-    has_display = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform == "darwin")
+    has_display = bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform == "darwin"
+    )
 
     def begun(address: str) -> None:
         for line in told_of(address, has_display):

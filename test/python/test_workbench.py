@@ -1,0 +1,445 @@
+"""The workbench: its story in a browser, what it refuses, and what it survives."""
+
+import http.client
+import json
+import os
+import pathlib
+import random
+import re
+import signal
+import statistics
+import subprocess
+import sys
+import time
+
+import pytest
+
+import ground
+from browsing import waiting
+from conftest import MODEL, located, slow, wait_for
+from ground.support.errors import GroundError
+from ground.workbench import units
+from ground.workbench.work_file import WorkFile
+
+LAG, SLOPE = 0.05, 0.005
+PICTURES = os.environ.get("WORKBENCH_PICTURES")  # folder for a picture of each step
+
+
+class Bench:
+    """A workbench in a process of its own."""
+
+    def __init__(self, bags, holdout, folder, *more):
+        self.command = [located("identify"), "workbench", *map(str, bags), "--model", str(MODEL)]
+        self.command += ["--holdout", *map(str, holdout)] if holdout else []
+        self.command += ["-o", str(folder), "--no-browser", "--progress", "off", *more]
+        self.folder = pathlib.Path(folder)
+        self.start()
+
+    def start(self):
+        environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+        self.process = subprocess.Popen(
+            self.command, stdout=subprocess.PIPE, universal_newlines=True, env=environment
+        )
+        line = self.process.stdout.readline()
+        found = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=([\w-]+)", line)
+        assert found, line
+        self.address, self.port, self.token = found.group(), int(found.group(1)), found.group(2)
+        self.ssh = self.process.stdout.readline()
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait()
+
+    def end(self):
+        self.process.send_signal(signal.SIGINT)
+        assert self.process.wait(30) == 0
+
+    def ask(self, name, headers=(), method="POST", body=None, **content):
+        """Status and answer of a request."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        sent = {"X-Token": self.token, "Content-Type": "application/json", **dict(headers)}
+        connection.request(method, "/" + name, json.dumps(content) if body is None else body, sent)
+        answer = connection.getresponse()
+        text = answer.read()
+        connection.close()
+        return answer.status, json.loads(text) if text[:1] == b"{" else text
+
+    def state(self):
+        status, state = self.ask("state")
+        assert status == 200, state
+        return state
+
+    def done(self, kind, **content):
+        """Does long work, and waits for its end."""
+        assert self.ask("begin", kind=kind, **content)[0] == 200
+        wait_for(lambda: not self.state()["running"], 300, kind)
+        return self.state()
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    """Runs of a craft with a lag and on a tilted floor, which its model does not have."""
+    folder = tmp_path_factory.mktemp("bags")
+    truth = ground.Model.load(MODEL).with_effect("motor_lag", tau=LAG).with_effect("floor_tilt", sx=SLOPE)
+    paths = [folder / ("run%d.bag" % i) for i in range(1, 5)]
+    for seed, path in enumerate(paths, 1):
+        ground.simulate(truth, "prbs", duration=20, seed=seed).save(path)
+    return paths
+
+
+@pytest.fixture(scope="module")
+def bench(bags, tmp_path_factory):
+    made = Bench(bags[:3], bags[3:], tmp_path_factory.mktemp("bench") / "out")
+    yield made
+    made.end()
+
+
+class Page:
+    """The page in a browser."""
+
+    def __init__(self, browser, address):
+        self.browser = browser
+        browser.get(address)
+        self.settled()
+
+    def js(self, text, *arguments):
+        return self.browser.execute_script(text, *arguments)
+
+    def until(self, condition, seconds=120):
+        """Waits for a condition in JavaScript."""
+        return waiting(self.browser, seconds).until(lambda b: b.execute_script("return " + condition))
+
+    def settled(self):
+        """Waits until all views show the current model."""
+        self.until("S && document.getElementById('wrench').dataset.drawn === drawnOf && drawnOf !== ''")
+
+    def click(self, name):
+        self.browser.find_element("id", name).click()
+
+    def text(self, name):
+        return self.browser.find_element("id", name).text
+
+    def picture(self, name):
+        if PICTURES:
+            time.sleep(0.8)  # bars move
+            for scheme in ("light", "dark"):
+                emulated = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+                self.browser.execute_cdp_cmd("Emulation.setEmulatedMedia", emulated)
+                time.sleep(0.7)
+                self.settled()
+                self.browser.save_screenshot("%s/%s_%s.png" % (PICTURES, name, scheme))
+            self.browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+            time.sleep(0.3)
+
+
+@pytest.fixture(scope="module")
+def page(browser, bench):
+    device = {"width": 1280, "height": 800, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", device)
+    yield Page(browser, bench.address)
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def error(state, node=None):
+    """Position error of a model [mm], the current one by default."""
+    return next(n["error"]["position_mm"] for n in state["nodes"] if n["id"] == (node or state["current"]))
+
+
+# The story, in its order
+
+
+def test_1_dragging_a_parameter_moves_the_curves(page, bench):
+    assert "Prediction after 1 s" in page.text("number") and "the mocap alone" in page.text("number")
+    assert "of 22.0 s usable, 100 Hz" in page.text("runs")
+    page.picture("1_first")
+    before = page.js("return [...document.getElementById('motion').data[5].y]")
+    page.js("""const s = document.getElementById('p_N_r'); s.value = 800;
+               s.dispatchEvent(new Event('input'));""")
+    page.until("timing.drag.length > 0 && timing.all.length > 0")
+    assert page.js("return [...document.getElementById('motion').data[5].y]") != before
+    assert "as it is" in page.text("number")
+    assert bench.state()["current"] == 1  # only shown until the slider is let go
+    page.js("document.getElementById('p_N_r').dispatchEvent(new Event('change'))")
+    page.until("S.current === 2")
+    page.settled()
+    page.picture("1_dragged")
+
+
+def test_2_a_fit_shows_bars_before_and_after(page, bench):
+    page.click("fit")
+    page.until("S.nodes.some(n => n.kind === 'fit')")
+    page.settled()
+    rows = [row.text for row in page.browser.find_elements("css selector", "#bars .bar")]
+    assert [row.split("\n")[0] for row in rows] == ["before", "now, cross-validated", "held out, sealed"]
+    assert error(bench.state()) < error(bench.state(), 2)
+    page.picture("2_fitted")
+    page.click("open")
+    page.until("S.opened === 1")
+    assert "held out, seen once" in page.text("bars")
+
+
+def test_3_a_zoom_in_one_view_is_one_in_all(page, bench):
+    for change in ("Plotly.relayout('wrench', {'xaxis.range[0]': 5, 'xaxis.range[1]': 9})",):
+        page.js(change)
+        page.until("view.from > 4.9 && view.to < 9.1")
+        page.settled()
+    ends = page.js("return [known.measured.t[0], known.measured.t.at(-1), known.missing.t.at(-1)]")
+    assert ends[0] >= 5 and max(ends) <= 9
+    page.picture("3_zoomed")
+    page.js("Plotly.relayout('against', {'xaxis.range[0]': 0.5, 'xaxis.range[1]': 9})")
+    page.settled()
+    page.click("brush")  # what is shown
+    page.click("judge")
+    page.until("S.judge !== null")
+    page.click("cut")
+    page.until("S.runs[0].cuts.length === 1")
+    page.settled()
+    page.click("whole")
+    page.settled()
+    page.picture("3_left_out")
+    name = bench.state()["runs"][0]["name"]
+    for action in ("cut", "judge"):
+        assert bench.ask(action, run=name, span=None)[0] == 200
+    page.until("S.judge === null && S.runs[0].cuts.length === 0")
+    page.settled()
+
+
+def test_4_effects_fill_the_list_and_adding_lets_the_error_fall(page, bench):
+    page.click("search")
+    page.until("S.search.state === 'running' && S.search.rows.length > 10")
+    page.picture("4_searching")
+    page.until("S.search.rows.some(row => row.effect === 'motor_lag' && row.prediction)", 300)
+    page.click("stop")
+    page.until("S.search.state === 'stopped'")
+    before = error(bench.state())
+    page.js("document.querySelector('[data-effect=motor_lag]').click()")
+    page.until("S.nodes.some(n => n.kind === 'add')", 300)
+    page.settled()
+    assert error(bench.state()) < 0.5 * before
+    assert "It helps" in page.text("said")
+    page.picture("4_added")
+    page.click("undo")
+    page.until("S.nodes.find(n => n.id === S.current).kind === 'fit'")
+    page.js("[...document.querySelectorAll('.node')].at(-1).click()")
+    page.until("S.effects.includes('motor_lag')")
+    page.js("const o = document.getElementById('other'); o.value = '1'; o.dispatchEvent(new Event('change'))")
+    page.settled()
+    page.until("document.getElementById('motion').data.some(t => t.name === 'model 1')")
+    page.picture("4_compared")
+
+
+def test_5_a_formula_is_read_judged_and_added(page, bench):
+    field = page.browser.find_element("id", "fY")
+    field.send_keys("a*u*")
+    page.until("document.querySelector('#parsed .no')")
+    field.send_keys("v")
+    page.until("document.getElementById('parsed').textContent.includes('a in N s2/m2')")
+    page.until("/does not help|it helps/.test(document.getElementById('parsed').textContent)", 300)
+    page.picture("5_formula")
+    field.clear()
+    for name, text in (("fX", "g*cos(psi)"), ("fY", "-g*sin(psi)")):
+        page.browser.find_element("id", name).send_keys(text)
+    page.until("/g in N; error .* it helps/.test(document.getElementById('parsed').textContent)", 300)
+    before, count = error(bench.state()), len(bench.state()["nodes"])
+    page.click("addformula")
+    page.until("S.nodes.length === %d" % (count + 1), 300)
+    assert error(bench.state()) < 0.5 * before
+    page.settled()
+    page.picture("5_added")
+
+
+def test_6_what_was_done_is_a_script_with_the_same_numbers(page, bench):
+    page.click("save")
+    page.until("document.getElementById('said').textContent.startsWith('Saved')", 300)
+    page.picture("6_saved")
+    state, folder = bench.state(), bench.folder
+    made = subprocess.run(
+        [sys.executable, "script.py"], cwd=folder, stdout=subprocess.PIPE, universal_newlines=True, check=True
+    )
+    told = {
+        int(number): (float(mm), float(deg))
+        for number, mm, deg in re.findall(r"^(\d+) .*: (\S+) mm, (\S+) deg$", made.stdout, re.M)
+    }
+    for node in state["nodes"]:
+        expected = node["error"]["position_mm"], node["error"]["heading_deg"]
+        assert told[node["id"]] == pytest.approx(expected, rel=1e-4), node["what"]
+    by_python = ground.Model.load(folder / "model.yaml")
+    path = "%s:%s" % (pathlib.Path(located("identify")).parent, os.environ["PATH"])
+    environment = dict(os.environ, PATH=path)
+    (folder / "shell").mkdir()
+    subprocess.run(["sh", "../script.sh"], cwd=folder / "shell", env=environment, check=True)
+    by_shell = ground.Model.load(folder / "shell" / "model.yaml")
+    assert by_shell.values == pytest.approx(by_python.values, rel=1e-3)
+    assert (folder / "page" / "report.html").is_file()
+
+
+def test_7_the_next_experiment_is_drawn(page):
+    page.js("S.search.next = arguments[0]; S.search.state = 'done'; showNext()", NEXT)
+    assert "spin" in page.text("nexttext") and "roslaunch" in page.text("nexttext")
+    page.until("document.getElementById('next').data.length === 2")
+    page.js("document.getElementById('next').scrollIntoView()")
+    page.picture("7_next")
+
+
+NEXT = {
+    "input": "a spin",
+    "separates": ["wind", "floor_tilt"],
+    "launch": "roslaunch ground room_prbs.launch",
+    "path": {"x": [0, 0.5, 1], "y": [0, 0.2, -0.4]},
+}
+
+
+def test_nothing_went_wrong_in_the_browser(page):
+    lines = [line for line in page.browser.get_log("browser") if line["level"] == "SEVERE"]
+    assert [line for line in lines if "400" not in line["message"]] == []  # half a formula is refused
+
+
+def test_a_reload_and_a_second_tab_show_the_same(page, bench):
+    page.browser.refresh()
+    page.settled()
+    first = page.browser.current_window_handle
+    page.browser.switch_to.new_window("tab")
+    other = Page(page.browser, bench.address)
+    other.click("undo")
+    other.settled()
+    page.browser.close()
+    page.browser.switch_to.window(first)
+    page.until("S.current === %d" % bench.state()["current"])
+
+
+# What it refuses
+
+
+@pytest.mark.parametrize(
+    "status, request_of",
+    [
+        (403, {"headers": {"X-Token": "wrong"}}),
+        (403, {"headers": {"X-Token": ""}}),
+        (403, {"headers": {"Host": "evil.example:80"}}),
+        (403, {"headers": {"Origin": "http://evil.example"}}),
+        (403, {"headers": {"Origin": "null"}}),
+        (403, {"headers": {"Sec-Fetch-Site": "cross-site"}}),
+        (415, {"headers": {"Content-Type": "text/plain"}}),
+        (413, {"body": b" " * 1000000}),
+        (400, {"body": b"[" * 60000}),
+        (400, {"body": b"[]"}),
+        (400, {"body": b"\xff\xfe"}),
+    ],
+)
+def test_foreign_requests_are_refused(bench, status, request_of):
+    assert bench.ask("state", **request_of)[0] == status
+    assert bench.ask("state")[0] == 200
+
+
+def test_the_page_needs_the_secret_and_has_no_other_files(bench):
+    assert bench.ask("", method="GET")[0] == 403
+    assert bench.ask("events?token=%s" % ("a" * 32), method="GET")[0] == 403
+    for path in ("../../etc/passwd", "..%2f..%2fetc/passwd", "page.html", "server.py", "work.jsonl"):
+        assert bench.ask("%s?token=%s" % (path, bench.token), method="GET")[0] == 404
+    assert "ssh -L %d:127.0.0.1:%d" % (bench.port, bench.port) in bench.ssh
+    connections = subprocess.run(["ss", "-ltn"], stdout=subprocess.PIPE, universal_newlines=True).stdout
+    own = [line for line in connections.splitlines() if ":%d " % bench.port in line]
+    assert own and all("127.0.0.1:%d" % bench.port in line for line in own)
+
+
+@pytest.mark.parametrize(
+    "formula",
+    [
+        {"Y": "a*" * 20000},
+        {"Y": "__import__('os').system('touch /tmp/found')"},
+        {"Y": "a*u; b"},
+        {"Y": "("},
+        {"Y": "u*v"},
+        {"Y": "a*u + a*u*v"},
+        {"Y": ""},
+    ],
+)
+def test_what_is_not_a_formula_is_refused(bench, formula):
+    assert bench.ask("check", formula=formula)[0] in (400, 413)
+
+
+def test_effects_of_files_and_unknown_work_are_refused(bench):
+    for effect in ("/etc/passwd", "../effect.yaml", "no_such_effect", ["a"], None):
+        assert bench.ask("begin", kind="add", effect=effect)[0] == 400
+    assert bench.ask("begin", kind="exec", effect=None)[0] == 400
+    assert bench.ask("select", node=99)[0] == 400
+    assert bench.ask("role", run="run1", role="admin")[0] == 400
+    assert bench.ask("curves", run="../run1", node=1)[0] == 400
+
+
+# What it survives
+
+
+def test_a_cut_off_line_is_dropped_and_a_damaged_one_refused(tmp_path):
+    file = WorkFile(str(tmp_path))
+    file.add({"event": "begin", "schema": "ground/workbench/1", "runs": {}})
+    file.add({"event": "current", "id": 1})
+    with pytest.raises(GroundError, match="another workbench"):
+        WorkFile(str(tmp_path))
+    del file
+    path = tmp_path / "work.jsonl"
+    whole = path.read_bytes()
+    for cut in range(len(whole.splitlines(True)[0]), len(whole)):
+        path.write_bytes(whole[:cut])
+        assert len(WorkFile(str(tmp_path)).events) == 1
+    path.write_bytes(b"{broken}\n" + whole)
+    with pytest.raises(GroundError, match="line 1 is damaged"):
+        WorkFile(str(tmp_path))
+
+
+def killed_again_and_again(bags, folder, times):
+    """Kills the server while it works, and checks that what it had told is there again."""
+    bench = Bench(bags[:2], [], folder)
+    random.seed(1)
+    for i in range(times):
+        before = bench.state()
+        node = before["current"]
+        bench.ask("set", node=node, values={"k": 0.05 + 0.001 * i})
+        kept = bench.state()
+        bench.ask("begin", kind=random.choice(["fit", "search"]), effect=None)
+        time.sleep(random.uniform(0, 1.5))
+        bench.kill()
+        bench.start()
+        after = bench.state()
+        known = {n["id"]: n for n in after["nodes"]}
+        assert all(known[n["id"]] == n for n in kept["nodes"]), i
+        assert after["search"]["state"] != "running" and not after["running"]
+        assert len(after["nodes"]) >= len(kept["nodes"])
+    bench.end()
+
+
+def test_a_killed_server_loses_nothing(bags, tmp_path):
+    killed_again_and_again(bags, tmp_path / "out", 2)
+
+
+@slow
+def test_a_server_that_is_killed_twenty_times_loses_nothing(bags, tmp_path):
+    killed_again_and_again(bags, tmp_path / "out", 20)
+
+
+def test_a_work_file_of_other_runs_is_not_taken(bags, bench, tmp_path):
+    made = Bench(bags[:1], [], tmp_path / "out")
+    made.end()
+    with pytest.raises(GroundError, match="other runs"):
+        ground.workbench(bags[1:2], MODEL, output=tmp_path / "out", begun=lambda address: 1 / 0)
+
+
+def test_units_of_parameters():
+    assert units.parameters({"Y": "a*u*v", "N": "-b*r*abs(r) + c"}, ["u_L"]) == {
+        "a": "N s2/m2", "b": "N m s2", "c": "N m",
+    }  # fmt: skip
+    assert units.parameters({"X": "a*sin(b*x)"}, []) == {"a": "?", "b": "?"}
+    assert units.parameters({"X": "a*(u_L - u_R)/psi"}, ["u_L", "u_R"]) == {"a": "N"}
+    with pytest.raises(GroundError, match="two units"):
+        units.parameters({"X": "a*u + a"}, [])
+
+
+def test_speed(page, bench):
+    """Medians are printed; the bounds are for an idle computer."""
+    page.js("timing.drag.length = 0; const s = document.getElementById('p_k'); let i = 0;"
+            "window.d = setInterval(() => { s.value = 400 + 5 * ++i; s.dispatchEvent(new Event('input'));"
+            "if (i > 30) clearInterval(d); }, 120)")  # fmt: skip
+    page.until("i > 30 || timing.drag.length > 15")
+    page.js("document.getElementById('p_k').dispatchEvent(new Event('change'))")
+    found = page.js("return timing")
+    print({name: statistics.median(found[name]) for name in ("drag", "net", "all")}, found["first"])
