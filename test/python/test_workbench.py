@@ -17,8 +17,8 @@ import pytest
 import ground
 from browsing import waiting
 from conftest import MODEL, located, slow, wait_for
+from ground.analysis import units
 from ground.support.errors import GroundError
-from ground.workbench import units
 from ground.workbench.work_file import WorkFile
 
 LAG, SLOPE = 0.05, 0.005

@@ -45,7 +45,7 @@ function make(kind, values = {}, ...inside) {
 /* The state */
 
 function show(before) {
-  const now = node(S.current), names = S.runs.map(run => run.name);
+  const now = {...node(S.current), ...S.now}, names = S.runs.map(run => run.name);
   if (!names.includes(view.run)) choose((S.runs.find(run => run.role === "fit") || S.runs[0]).name);
   if (!before || before.current !== S.current || JSON.stringify(node(S.current).error) !== JSON.stringify(before.nodes.find(n => n.id === S.current)?.error)) draft = {};
   showRuns(); showParameters(now); showBars(now); showHistory(); showSearch(); showTried(); showNext(); showJobs(before);
@@ -57,11 +57,11 @@ function show(before) {
 }
 function told(now) {
   const was = now.before || node(now.parent)?.error;
-  if (now.kind === "add") say(`${now.what}: ${off(was)} before, ${off(now.error)} with it. ${now.helps ? "It helps" : "It does not help"}: ${now.reason}.`, !now.helps);
+  if (now.kind === "add") say(`${now.what.replace("add", "Added")}: ${off(was)} before, ${off(now.error)} with it. ${now.helps ? "It helps" : "It does not help"}: ${now.reason}.`, !now.helps);
   if (now.kind === "fit") say(`Fitted: ${off(was)} before, ${off(now.error)} now, each run predicted by a fit to the others.`);
 }
 function number(error, by) {
-  const now = node(S.current);
+  const now = {...node(S.current), ...S.now};
   $("number").replaceChildren(`Prediction after ${now.seconds} s: `, make("b", {textContent: off(error)}),
     make("span", {className: "less", textContent: ` ${by}; the mocap alone leaves ${off(now.floor)}`}));
 }
@@ -168,13 +168,13 @@ function bar(label, error, most, floor, kind = "", more = null) {
   return make("div", {className: "bar " + kind}, make("span", {textContent: label}), track, more || make("span", {className: "n", textContent: off(error)}));
 }
 function showBars(now) {
-  const before = now.before || node(now.parent)?.error, label = now.kind === "add" ? "without it, refitted" : "before";
+  const before = S.now.error ? null : now.before || node(now.parent)?.error, label = now.kind === "add" ? "without it, refitted" : "before";
   const beside = other && node(other);
   const all = [now.error, before, beside?.error, now.holdout, node(1).error].filter(Boolean).map(error => error.position_mm ?? 0);
   const most = Math.max(...all) * 1.02, floor = now.floor.position_mm ?? 0, rows = [];
   bars = {most, floor};
   if (before) rows.push(bar(label, before, most, floor));
-  rows.push(bar(`now, ${now.by}`, now.error, most, floor, "now"));
+  rows.push(bar(S.now.error ? "on what is ticked now" : `now, ${now.by}`, now.error, most, floor, "now"));
   if (beside) rows.push(bar(`model ${beside.id}: ${beside.what}`, beside.error, most, floor));
   if (S.runs.some(run => run.role === "held out")) {
     const open = make("button", {id: "open", textContent: S.opened ? `Open again (seen ${S.opened} times)`.replace("1 times", "once") : "Open (not seen yet)", onclick: () => act("open")});
@@ -213,8 +213,9 @@ function showSearch() {
   $("search").disabled = Boolean(job); $("stop").hidden = !job;
   $("stop").onclick = () => act("stop", {job: job.id});
   const where = search.judge ? ` on ${search.judge[0]}, ${search.judge[1].toFixed(1)} to ${search.judge[2].toFixed(1)} s` : "";
-  const states = {none: "Tries every effect of the library, alone and together.", stopped: "Stopped. What was found until then:", failed: "Failed.", done: `Done, for model ${search.node}${where}.`};
+  const states = {none: "Tries every effect of the library, alone and together.", stopped: "Stopped. Each effect alone, as far as it was tried:", failed: "Failed.", done: `Done, for model ${search.node}${where}.`};
   $("searching").textContent = job ? `${job.told}${job.of > 1 ? `, ${job.done} of ${job.of}` : ""}${where} …` : states[search.state] || "";
+  if (!job && search.rows.length && search.node !== S.current) $("searching").append(` They were tried beside model ${search.node}; search again for this one. `);
   if (S.judge && !job) $("searching").append(` Candidates are judged on ${S.judge[0]}, ${S.judge[1].toFixed(1)} to ${S.judge[2].toFixed(1)} s. `,
     make("button", {textContent: "judge on all", onclick: () => act("judge", {run: S.judge[0], span: null})}));
   if (S.last.search?.failed) say(S.last.search.failed, true);
@@ -320,6 +321,8 @@ async function drawMissing(mine, range) {
     traces.push(line(found.t, c.y, "missing " + c.name, colour, {yaxis: y}));
     layout["yaxis" + (i ? i + 1 : "")] = {title: {text: `${c.name} [${c.unit}]`, font: {size: 10}, standoff: 2}, domain: [1 - (i + 1) / 3 + .03, 1 - i / 3], nticks: 4, zeroline: true};
   });
+  const largest = found.channels.slice().sort((a, b) => b.rms / b.full - a.rms / a.full)[0];
+  if (!$("channel").dataset.chosen) $("channel").value = largest.name;
   const c = found.channels.find(one => one.name === $("channel").value), most = Math.max(...c.y.map(Math.abs));
   traces.push({x: found.y, y: found.x, mode: "markers", type: "scatter", xaxis: "x2", yaxis: "y4", customdata: found.t, hovertemplate: "%{marker.color:.3g}<extra></extra>",
     marker: {size: 4, color: c.y, colorscale: "RdBu", cmin: -most, cmax: most, showscale: true, colorbar: {thickness: 8, x: .97, tickfont: {size: 9}}}});
@@ -334,7 +337,6 @@ async function drawMissing(mine, range) {
   });
   await Plotly.react($("against"), clouds, dark(spread), config);
   listen("against", range);
-  const largest = found.channels.slice().sort((a, b) => b.rms / b.full - a.rms / a.full)[0];
   $("worst").textContent = `most in ${largest.name}: ${two(largest.rms)} ${largest.unit} rms, ${two(100 * largest.rms / largest.full)}% of full thrust`;
   $("wrench").dataset.drawn = drawnOf;
 }
@@ -392,7 +394,7 @@ $("search").onclick = () => begin("search");
 $("addformula").onclick = () => entry && begin("add", entry);
 $("run").onchange = () => { choose($("run").value); show(S); };
 $("other").onchange = () => { other = $("other").value; show(S); };
-$("channel").onchange = () => drawMissing(order, shown);
+$("channel").onchange = () => { $("channel").dataset.chosen = "yes"; drawMissing(order, shown); };
 $("whole").onclick = whole;
 $("brush").onclick = () => {
   const on = $("brush").getAttribute("aria-pressed") !== "true";

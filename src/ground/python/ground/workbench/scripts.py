@@ -46,7 +46,10 @@ def python(session: Session) -> str:
     """All of the history, in Python."""
     lines = ["given = ground.Model.parse(%r)" % session.nodes[1]["model"]]
     for number, node in sorted(session.nodes.items()):
-        at = "runs(%r, %r)" % (node["runs"], _plain(node["cuts"] if "cuts" in node else {}))
+        at = "runs(%r, %r)" % (
+            node["runs"],
+            {name: [tuple(span) for span in spans] for name, spans in node["cuts"].items()},
+        )
         before, kind = "models[%d]" % node["parent"], node["kind"]
         as_is = "ground.Predictor(given, %s).error(models[%d])" % (at, number)
         if kind == "start":
@@ -84,7 +87,7 @@ def shell(session: Session) -> str:
         bags = " ".join(shlex.quote(by_name[name]) for name in node["runs"])
         cuts = [
             shlex.quote("%s=%.9g,%.9g" % (name, *span))
-            for name, spans in node.get("cuts", {}).items() if name in node["runs"] for span in spans
+            for name, spans in node["cuts"].items() if name in node["runs"] for span in spans
         ]  # fmt: skip
         more = " --leave-out %s" % " ".join(cuts) if cuts else ""
         if kind == "fit":
@@ -117,10 +120,6 @@ def save(session: Session, folder: str, given: Model) -> Document:
         models["model %d" % session.current] = model
     page = ground.compare(models, runs).save(os.path.join(folder, "page"), force=True)
     return {"folder": folder, "files": ["model.yaml", *texts, os.path.relpath(page, folder)]}
-
-
-def _plain(cuts: Any) -> Any:
-    return {name: [tuple(span) for span in spans] for name, spans in cuts.items()}
 
 
 def _yaml(entry: Document) -> str:

@@ -4,15 +4,15 @@ import threading
 from dataclasses import asdict
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
-from ground.analysis import candidates
+from ground.analysis import candidates, units
 from ground.comparing.predictor import Predictor
 from ground.models import Model, Room
 from ground.recordings import findings, quality
 from ground.recordings.recording import Recording
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
-from ground.workbench import units, work
-from ground.workbench.jobs import Jobs
+from ground.support.jobs import Jobs
+from ground.workbench import work
 from ground.workbench.work_file import SCHEMA, WorkFile
 
 FIT, HELD_OUT, OFF = "fit", "held out", "off"  # roles of runs
@@ -20,7 +20,7 @@ FIT, HELD_OUT, OFF = "fit", "held out", "off"  # roles of runs
 
 class Session:
     """The state of a workbench. Each change is an event: on the disk first, then applied, then shown on the
-    pages. heard: called after each change."""
+    pages."""
 
     def __init__(
         self,
@@ -43,37 +43,25 @@ class Session:
         self.search: Document = {"state": "none", "rows": []}
         self.formula: Document = {}
         self.running: Dict[int, Document] = {}
-        self.last: Dict[
-            str, Document
-        ] = {}  # by kind of job, the result that makes no model, or why it failed
+        self.last: Dict[str, Document] = {}  # by kind of job, what makes no model, or why it failed
+        self._renewed: Tuple[str, Document] = ("", {})
         self.opened = 0  # how often held-out runs were seen
         self._ready: Dict[str, Predictor] = {}
         self._quality = {d["name"]: d for d in findings.describe([quality.repaired(r) for r in recordings])}
-        own = {
-            "event": "begin",
-            "schema": SCHEMA,
-            "runs": {run.name: run.identity for run in recordings},
-            "model": model.format(),
-        }
-        if file.events:
-            if file.events[0]["runs"] != own["runs"]:
-                raise GroundError("%s is of other runs: give -o another folder" % file.path)
-            for event in file.events:
-                self._apply(event)
-            if self.search["state"] == "running":
-                self._do({"event": "search", "state": "stopped"})
-        else:
-            self._do(own)
+        runs = {run.name: run.identity for run in recordings}
+        if not file.events:
+            self._do({"event": "begin", "schema": SCHEMA, "runs": runs, "model": model.format()})
+        elif file.events[0]["runs"] != runs:
+            raise GroundError("%s is of other runs: give -o another folder" % file.path)
+        for event in file.events:
+            self._apply(event)
+        if not self.roles:
             roles = {r.name: HELD_OUT if r.name in held_out else FIT for r in recordings}
             self._do({"event": "roles", "roles": roles})
-            first = {
-                "id": 1,
-                "parent": 0,
-                "kind": "start",
-                "what": "the given model",
-                "model": model.format(),
-            }
-            self._do({"event": "node", "node": self._judged(first)})
+        if not self.nodes:
+            self._add(0, "start", "the given model", self.given.format())
+        if self.search["state"] == "running":
+            self._do({"event": "search", "state": "stopped"})
         self.jobs: Optional[Jobs] = None
 
     # Changes
@@ -98,25 +86,21 @@ class Session:
 
     def _apply(self, event: Document) -> None:
         kind = event["event"]
-        if kind == "node":
+        if kind == "begin":
+            self.given = Model.parse(event["model"])
+        elif kind in ("roles", "judge", "formula", "current"):
+            setattr(self, kind, event[kind])
+        elif kind == "node":
             self.nodes[event["node"]["id"]] = event["node"]
             self.current = event["node"]["id"]
-        elif kind == "current":
-            self.current = event["id"]
-        elif kind == "roles":
-            self.roles = event["roles"]
         elif kind == "cuts":
             self.cuts = {name: [(a, b) for a, b in spans] for name, spans in event["cuts"].items()}
-        elif kind == "judge":
-            self.judge = event["judge"]
         elif kind == "search":
             self.search = {**self.search, **{k: v for k, v in event.items() if k != "event"}}
         elif kind == "opened":
             for name, error in event["errors"].items():
                 self.nodes[int(name)]["holdout"] = error
             self.opened = event["count"]
-        elif kind == "formula":
-            self.formula = event["formula"]
 
     # What is known
 
@@ -159,8 +143,24 @@ class Session:
             "error": after or off,
             "by": "cross-validated" if after else "as it is",
             "floor": asdict(ready.noise(model)),
-            "runs": self.names(FIT),
+            **self._ticked(),
         }
+
+    def _ticked(self) -> Document:
+        """The runs that are fitted, and what of them is left out."""
+        names = self.names(FIT)
+        return {"runs": names, "cuts": {n: [list(s) for s in self.cuts[n]] for n in names if n in self.cuts}}
+
+    def _now(self) -> Document:
+        """The error of the current model on what is ticked, where that has changed since; else nothing."""
+        node, ticked = self.nodes[self.current], self._ticked()
+        if all(node[key] == ticked[key] for key in ticked):
+            return {}
+        key = repr((self.current, node["model"], ticked))
+        if self._renewed[0] != key:
+            made = self._judged({"model": node["model"]})
+            self._renewed = key, {name: made[name] for name in ("error", "by", "floor", "as_is")}
+        return {**self._renewed[1], "before": None}
 
     def state(self) -> Document:
         """All that a page shows."""
@@ -171,15 +171,12 @@ class Session:
                 "runs": [self._run(recording) for recording in self.recordings],
                 "nodes": [{k: v for k, v in node.items() if k != "model"} for node in self.nodes.values()],
                 "current": self.current,
+                "now": self._now(),
                 "effects": list(model.effects),
                 "parameters": [
                     {
-                        "name": p["name"],
-                        "unit": p["unit"],
-                        "doc": p["doc"],
                         "value": model[p["name"]],
-                        "lower": p["lower"],
-                        "upper": p["upper"],
+                        **{k: p[k] for k in ("name", "unit", "doc", "lower", "upper")},
                     }
                     for p in model.core.parameters()
                 ],
@@ -228,21 +225,20 @@ class Session:
     def _add(
         self, parent: int, kind: str, what: str, model: str, after: Optional[Document] = None, **more: Any
     ) -> None:
-        number = more.pop("id", None) or max(self.nodes) + 1
+        number = more.pop("id", None) or max(self.nodes, default=0) + 1
         node = {"id": number, "parent": parent, "kind": kind, "what": what, "model": model, **more}
-        node.update(cuts=self.cuts)
         self._do({"event": "node", "node": self._judged(node, after)})
 
     def select(self, node: int) -> None:
         """Goes to a model of the history."""
         self.model_of(node)
-        self._do({"event": "current", "id": node})
+        self._do({"event": "current", "current": node})
 
     def undo(self) -> None:
         """Goes back to the model before."""
         parent = self.nodes[self.current]["parent"]
         if parent:
-            self._do({"event": "current", "id": parent})
+            self._do({"event": "current", "current": parent})
 
     def set_role(self, run: str, role: str) -> None:
         """A run is fitted, held out or left alone."""
@@ -253,7 +249,6 @@ class Session:
             if FIT not in roles.values():
                 raise GroundError("at least one run has to be fitted")
             self._do({"event": "roles", "roles": roles})
-            self._renew()
 
     def cut(self, run: str, span: Optional[Sequence[float]]) -> None:
         """Leaves a span of a run out of fits; None: nothing."""
@@ -264,13 +259,6 @@ class Session:
             cuts = {**self.cuts, run: spans}
             work.parts(self.recordings, [run], cuts)  # raises where too little is left
             self._do({"event": "cuts", "cuts": {name: own for name, own in cuts.items() if own}})
-            self._renew()
-
-    def _renew(self) -> None:
-        """The error of the current model on what is now fitted."""
-        node = self.nodes[self.current]
-        with self.lock:
-            self._do({"event": "node", "node": self._judged(node)})
 
     def judge_on(self, run: str, span: Optional[Sequence[float]]) -> None:
         """Candidates are judged on a span of a run; None: on all fitted runs."""
@@ -334,7 +322,7 @@ class Session:
             if kind == "search":
                 self._do({"event": "search", "state": "running", "rows": [], "node": node, "answer": [],
                           "proposal": None, "next": None, "judge": self.judge})  # fmt: skip
-            more = {"judge": self.judge} if kind == "search" else effect
+            more = self.judge if kind == "search" else effect
             number = self.jobs.begin(kind, self.nodes[node]["model"], names, self.cuts, more)
             self.running[number] = {
                 "id": number,
@@ -379,9 +367,6 @@ class Session:
     def _done(self, job: Document, found: Document) -> None:
         kind, node = job["kind"], job["node"]
         if kind == "search":
-            known = {row["effect"]: row.get("prediction") for row in self.search["rows"]}
-            for row in found["rows"]:
-                row["prediction"] = known.get(row["effect"])
             self._do({"event": "search", "state": "done", **found})
         elif kind == "try":
             self.last[kind] = {k: v for k, v in found.items() if k != "model"}

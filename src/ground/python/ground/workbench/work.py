@@ -6,14 +6,16 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 import ground
 from ground.analysis import window_error
 from ground.analysis.effects import Effect
-from ground.analysis.horizon import PoseError
+from ground.analysis.formula_words import with_interval
+from ground.analysis.search import LEVEL
 from ground.diagnosing import answer
-from ground.models import Model, Parameter, Room
+from ground.models import Model, Room
 from ground.recordings.recording import Recording
 from ground.support.annotations import Document
-from ground.support.progress import Report
-from ground.workbench.jobs import Tell
+from ground.support.jobs import Tell
+from ground.support.progress import Listener, Report
 
+MOST_SIZES = 3  # parameters of an effect that its row has
 Cuts = Dict[str, List[Tuple[float, float]]]  # by run, spans that are left out [s]
 
 
@@ -39,11 +41,8 @@ def worker(recordings: Sequence[Recording], room: Optional[Room]) -> Callable[..
         elif kind in ("add", "try"):
             tell("done", added(ground.add(model, Effect.of(more), runs, progress=progress)))
         else:
-            runs = (
-                [run.within(*more["judge"][1:]) for run in runs if run.name == more["judge"][0]]
-                if more["judge"]
-                else runs
-            )
+            if more:  # the stretch that candidates are judged on
+                runs = [run.within(*more[1:]) for run in runs if run.name == more[0]]
             tell("done", searched(model, runs, room, tell, progress))
 
     return work
@@ -51,114 +50,66 @@ def worker(recordings: Sequence[Recording], room: Optional[Room]) -> Callable[..
 
 def fitted(found: ground.Fit) -> Document:
     """A Fit."""
-    off = found.prediction
-    return {
-        "model": found.model.format(),
-        "parameters": {name: _parameter(p) for name, p in found.parameters.items()},
-        "before": off and asdict(off.errors["given"]),
-        "after": off and asdict(off.errors["fitted"]),
-        "remarks": found.remarks,
-    }
+    return {**_refitted(found, "given", "fitted"), "remarks": found.remarks}
 
 
 def added(found: ground.Addition) -> Document:
     """An Addition."""
-    off = found.prediction
+    verdict = {"helps": found.verdict.helps, "reason": found.verdict.reason}
+    return {**_refitted(found, "without", "with"), "effect": found.effect, **verdict}
+
+
+def _refitted(found: Any, before: str, after: str) -> Document:
+    """A fit or an addition; before, after: names of the models in its prediction error."""
+    off, names = found.prediction, ("value", "ci95", "unit", "identified")
     return {
         "model": found.model.format(),
-        "effect": found.effect,
-        "parameters": {name: _parameter(p) for name, p in found.parameters.items()},
-        "before": off and asdict(off.errors["without"]),
-        "after": off and asdict(off.errors["with"]),
-        "helps": found.verdict.helps,
-        "reason": found.verdict.reason,
+        "parameters": {name: {key: getattr(p, key) for key in names} for name, p in found.parameters.items()},
+        "before": off and asdict(off.errors[before]),
+        "after": off and asdict(off.errors[after]),
     }
 
 
 def searched(
-    model: Model,
-    runs: Sequence[Recording],
-    room: Optional[Room],
-    tell: Tell,
-    progress: Callable[[Report], None],
+    model: Model, runs: Sequence[Recording], room: Optional[Room], tell: Tell, progress: Listener
 ) -> Document:
     """A Diagnosis; rows of the list are told of while it goes on."""
-    found = ground.diagnose(
-        model,
-        runs,
-        tried=lambda rows: tell("rows", [_row(row, {}) for row in rows]),
-        progress=progress,
-        room=room,
-    )
-    report = found.report
-    groups = {row["effect"]: row for row in report["candidates"]}
-    last = [_row({**row, "prediction": None}, report["means"]) for row in report["candidates"]]
-    for row in last:
-        entry = groups[row["effect"]]
-        row.update(
-            group=[name for name in entry["group"] if name != row["effect"]],
-            selected=entry["selected"],
-            seen=entry["seen"],
-        )
-    proposal = found.proposal
+    predictions: Dict[str, Document] = {}
+
+    def tried(rows: List[Document]) -> None:
+        predictions.update({row["effect"]: row["prediction"] for row in rows})
+        tell("rows", [_row(row, predictions, {}) for row in rows])
+
+    found = ground.diagnose(model, runs, tried=tried, progress=progress, room=room)
+    report, proposal = found.report, found.proposal
     planned = report["next_experiment"]
+    if planned:  # where the improved model goes, open loop
+        flown = ground.simulate(found.improved, inputs=found.next_inputs).to_frame().iloc[::5]
+        planned = {**planned, "path": {name: flown[name].round(4).tolist() for name in ("x", "y")}}
     return {
-        "rows": last,
+        "rows": [_row(row, predictions, report["means"]) for row in report["candidates"]],
         "answer": [list(line) for line in answer.known_first(report)],
         "proposal": proposal and proposal.entry,
-        "means": report["unexplained"]["proposal"] and report["unexplained"]["proposal"]["means"],
-        "next": planned
-        and {
-            **planned,
-            "path": _flown(found.improved, found.next_inputs),
-            "inputs": found.next_inputs.tolist(),
-        },
+        "next": planned,
     }
 
 
-def _flown(model: Model, inputs: Any) -> Document:
-    """Where the improved model goes in the next experiment, open loop."""
-    made = ground.simulate(model, inputs=inputs).to_frame().iloc[::5]
-    return {"x": made.x.round(4).tolist(), "y": made.y.round(4).tolist()}
-
-
-def _row(row: Document, means: Document) -> Document:
+def _row(row: Document, predictions: Dict[str, Document], means: Document) -> Document:
     """A row of the list of effects."""
-    meaning = Effect(row["effect"]).meaning or means.get(row["effect"], "")
+    name, p = row["effect"], row["p_corrected"]
     sizes = [
-        "%s %s" % (name, _parameter_words(name, p))
-        for name, p in row["parameters"].items()
-        if p["identified"]
+        "%s %s" % (key, with_interval(one["value"], one["ci95"][0], one["ci95"][1], one["unit"]))
+        for key, one in row["parameters"].items()
+        if one["identified"]
     ]
     return {
-        "effect": row["effect"],
-        "meaning": meaning,
-        "size": ", ".join(sizes[:3]) or "not identifiable from these runs",
-        "p": row["p_corrected"],
-        "certain": next(words for bound, words in answer.CERTAINTY if row["p_corrected"] < bound)
-        if row["p_corrected"] < 0.01
+        "effect": name,
+        "meaning": Effect(name).meaning or means.get(name, ""),
+        "size": ", ".join(sizes[:MOST_SIZES]) or "not identifiable from these runs",
+        "certain": next(words for bound, words in answer.CERTAINTY if p < bound)
+        if p < LEVEL
         else "not significant",
-        "gain": -row["delta_bic"],
-        "prediction": row["prediction"],
+        "prediction": predictions.get(name),
+        "group": [other for other in row.get("group", ()) if other != name],
+        **{key: row[key] for key in ("selected", "seen") if key in row},
     }
-
-
-def _parameter_words(name: str, p: Document) -> str:
-    from ground.analysis.formula_words import with_interval
-
-    return with_interval(p["value"], *p["ci95"], p["unit"])
-
-
-def _parameter(p: Parameter) -> Document:
-    return {
-        "value": p.value,
-        "ci95": list(p.ci95),
-        "unit": p.unit,
-        "identified": p.identified,
-        "words": p.words,
-    }
-
-
-def pose_error(found: PoseError) -> Document:
-    """A PoseError."""
-    return asdict(found)

@@ -13,13 +13,14 @@ from typing import Any, Callable, Dict, Optional, Sequence
 from ground.data import bag_arguments
 from ground.data.measured import Recordings, distinct, repaired, taken
 from ground.models import Model, ModelLike, Room, RoomLike
+from ground.recordings.recording import Recording
 from ground.support import command_line
 from ground.support.annotations import Document, Path
 from ground.support.command_line import option
 from ground.support.errors import GroundError
+from ground.support.jobs import Jobs
 from ground.support.progress import Progress, Work, say
 from ground.workbench import scripts, views, work
-from ground.workbench.jobs import Jobs
 from ground.workbench.server import Server, serve
 from ground.workbench.session import FIT, Session
 from ground.workbench.work_file import WorkFile
@@ -70,7 +71,7 @@ def workbench(
     repaired(runs, told, given.core)
     folder = os.path.abspath(os.fspath(output))
     os.makedirs(folder, exist_ok=True)
-    room = Room.of(options.room) if options.room else next(filter(None, map(Room.of_recording, runs)), None)
+    room = Room.of(options.room) if options.room else _room_of(runs)
     file = WorkFile(folder)
     session = Session(runs, given, [run.name for run in runs[len(fitted) :]], room, file)
     session.jobs = Jobs(work.worker(runs, room), session.heard)
@@ -80,6 +81,11 @@ def workbench(
         serve(server)
     finally:
         session.jobs.close()
+
+
+def _room_of(runs: Sequence[Recording]) -> Optional[Room]:
+    """The room of the first run that has one."""
+    return next((room for room in map(Room.of_recording, runs) if room), None)
 
 
 def actions(session: Session, folder: str, given: Model) -> Dict[str, Callable[[Document], Any]]:
