@@ -443,3 +443,17 @@ def test_speed(page, bench):
     page.js("document.getElementById('p_k').dispatchEvent(new Event('change'))")
     found = page.js("return timing")
     print({name: statistics.median(found[name]) for name in ("drag", "net", "all")}, found["first"])
+
+
+@slow
+def test_7_a_whole_search_ends_with_an_answer(page, bench):
+    assert bench.ask("select", node=1)[0] == 200
+    state = bench.done("search")
+    search = state["search"]
+    assert search["state"] == "done" and "motor_lag" in json.dumps(search["answer"])
+    chosen = [row["effect"] for row in search["rows"] if row["selected"]]
+    assert sorted(chosen) == ["floor_tilt", "motor_lag"]
+    page.until("S.search.state === 'done'")
+    words = page.js("return document.getElementById('nexttext').textContent")
+    assert "Nothing needed" in words or "distinguishes" in words
+    page.picture("7_searched")

@@ -279,8 +279,8 @@ class Diagnosis:
     def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Comparison:
         """A set compared with a smaller one on parts of the runs that neither was fitted to. What matters
         does not count: of many effects some would be vetoed by chance."""
-        tested = (self.folds.test(self.search.fits[names])[0] for names in (found, rest))
-        return compared(*tested, np.full(2, np.inf))
+        larger, smaller = (self.folds.test(self.search.fits[names])[0] for names in (found, rest))
+        return compared(larger, smaller, np.full(2, np.inf))
 
     def compared(self, larger: Tested, smaller: Tested) -> Comparison:
         """The Comparison of two hypotheses, by what matters here."""

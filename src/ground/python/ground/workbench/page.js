@@ -325,8 +325,8 @@ async function drawMissing(mine, range) {
   if (!$("channel").dataset.chosen) $("channel").value = largest.name;
   const c = found.channels.find(one => one.name === $("channel").value), most = Math.max(...c.y.map(Math.abs));
   traces.push({x: found.y, y: found.x, mode: "markers", type: "scatter", xaxis: "x2", yaxis: "y4", customdata: found.t, hovertemplate: "%{marker.color:.3g}<extra></extra>",
-    marker: {size: 4, color: c.y, colorscale: "RdBu", cmin: -most, cmax: most, showscale: true, colorbar: {thickness: 8, x: .97, tickfont: {size: 9}}}});
-  Object.assign(layout, {xaxis2: {domain: [.75, .95], anchor: "y4", title: {text: "y [m]", standoff: 2}}, yaxis4: {anchor: "x2", scaleanchor: "x2", title: {text: "x [m]", standoff: 0}}});
+    marker: {size: 4, color: c.y, colorscale: "RdBu", cmin: -most, cmax: most, showscale: true, colorbar: {thickness: 8, x: .93, tickfont: {size: 9}}}});
+  Object.assign(layout, {xaxis2: {domain: [.75, .92], anchor: "y4", title: {text: "y [m]", standoff: 2}}, yaxis4: {anchor: "x2", scaleanchor: "x2", title: {text: "x [m]", standoff: 0}}});
   await Plotly.react($("wrench"), traces, dark(layout), config);
   listen("wrench", range);
   const names = Object.keys(found.against), wide = 1 / names.length, clouds = [], spread = {margin: {t: 4, b: 32, l: 52, r: 8}, yaxis: {title: {text: `missing ${c.name}<br>[${c.unit}]`, font: {size: 10}}, nticks: 4, zeroline: true}};
@@ -412,7 +412,8 @@ document.addEventListener("keydown", event => {
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { drawnOf = ""; show(S); });
 const events = new EventSource("events?token=" + encodeURIComponent(token));
-events.onmessage = later(40, refresh);
+const changed = later(40, refresh);
+events.onmessage = event => { if (!S || Number(event.data) !== S.version) changed(); };
 events.onerror = () => say("The workbench does not answer. If it was ended, start it again: nothing is lost.", true);
 events.onopen = () => { if ($("said").textContent.startsWith("The workbench does not")) say(""); };
 refresh();

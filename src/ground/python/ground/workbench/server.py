@@ -5,6 +5,7 @@ import hmac
 import json
 import os
 import re
+import sys
 import threading
 import traceback
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -39,6 +40,11 @@ class Server(ThreadingHTTPServer):
         self.pages["/"] = self.pages.pop("/page.html")
         self.pages["/plotly.js"] = _plotly()
         super().__init__(("127.0.0.1", port), Handler)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A page that was closed before its answer came is no error."""
+        if not isinstance(sys.exc_info()[1], ConnectionError):
+            super().handle_error(request, client_address)
 
     @property
     def address(self) -> str:
@@ -90,7 +96,7 @@ class Handler(BaseHTTPRequestHandler):
             answer, status = self.server.actions[name](content), 200
         except errors.GroundError as error:
             answer, status = {"refused": errors.sentence(error)}, 400
-        except (KeyError, TypeError, ValueError, RecursionError) as error:
+        except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
             if os.environ.get("GROUND_DEBUG"):
                 traceback.print_exc()
             answer, status = {"refused": "not a request of this page: %s" % str(error)[:200]}, 400

@@ -132,9 +132,13 @@ class Session:
         model = self.model_of(node)
         return model.with_values({str(k): float(v) for k, v in values.items()}) if values else model
 
-    def _judged(self, node: Document, after: Optional[Document] = None) -> Document:
-        """A node with its error on the fitted runs: as it is; after: cross-validated, where it was fitted."""
-        ready, model = self.predictor(self.names(FIT)), Model.parse(node["model"])
+    def _judged(
+        self, node: Document, after: Optional[Document] = None, ticked: Optional[Document] = None
+    ) -> Document:
+        """A node with its error on the runs that are ticked: as it is; after: cross-validated, where it was
+        fitted; ticked: what was ticked then."""
+        ticked = ticked or self.ticked()
+        ready, model = self.predictor(ticked["runs"], ticked["cuts"]), Model.parse(node["model"])
         off = asdict(ready.error(model))
         return {
             **node,
@@ -143,17 +147,17 @@ class Session:
             "error": after or off,
             "by": "cross-validated" if after else "as it is",
             "floor": asdict(ready.noise(model)),
-            **self._ticked(),
+            **ticked,
         }
 
-    def _ticked(self) -> Document:
+    def ticked(self) -> Document:
         """The runs that are fitted, and what of them is left out."""
         names = self.names(FIT)
         return {"runs": names, "cuts": {n: [list(s) for s in self.cuts[n]] for n in names if n in self.cuts}}
 
     def _now(self) -> Document:
         """The error of the current model on what is ticked, where that has changed since; else nothing."""
-        node, ticked = self.nodes[self.current], self._ticked()
+        node, ticked = self.nodes[self.current], self.ticked()
         if all(node[key] == ticked[key] for key in ticked):
             return {}
         key = repr((self.current, node["model"], ticked))
@@ -223,11 +227,18 @@ class Session:
             )
 
     def _add(
-        self, parent: int, kind: str, what: str, model: str, after: Optional[Document] = None, **more: Any
+        self,
+        parent: int,
+        kind: str,
+        what: str,
+        model: str,
+        after: Optional[Document] = None,
+        ticked: Optional[Document] = None,
+        **more: Any,
     ) -> None:
         number = more.pop("id", None) or max(self.nodes, default=0) + 1
         node = {"id": number, "parent": parent, "kind": kind, "what": what, "model": model, **more}
-        self._do({"event": "node", "node": self._judged(node, after)})
+        self._do({"event": "node", "node": self._judged(node, after, ticked)})
 
     def select(self, node: int) -> None:
         """Goes to a model of the history."""
@@ -280,6 +291,8 @@ class Session:
             if given not in candidates.effects(self.given.core):
                 raise GroundError("there is no effect %s" % given[:80])
             return given
+        if not isinstance(given, dict):
+            raise GroundError("an effect is a name or formulas")
         if "name" in given and "expression" in given:
             return given
         formulas = {k: str(given[k]) for k in ("X", "Y", "N") if str(given.get(k, "")).strip()}
@@ -288,12 +301,16 @@ class Session:
         thrusters = self.given.core.thrusters
         commands = ["u_L", "u_R", *("u_" + t["name"] for t in thrusters)]
         own = units.parameters(formulas, commands)
-        name = str(given.get("name") or "formula")
-        entry = {"name": name, "expression": formulas}
-        entry["parameters"] = {p: {"unit": u if u != "?" else "-", "value": 0.0} for p, u in own.items()}
         if not own:
             raise GroundError("the formula has no parameter that a fit could find, as a in a*u*v")
-        return entry
+        taken = [name for name in self.model_of(self.current).effects if name.startswith("formula")]
+        return {
+            "name": "formula_%d" % (1 + len(taken)) if taken else "formula",
+            "expression": formulas,
+            "parameters": {
+                name: {"unit": unit.replace("?", "-"), "value": 0.0} for name, unit in own.items()
+            },
+        }
 
     def check(self, given: Document) -> Document:
         """What is known at once of a formula: its parameters with their units. GroundError says what is
@@ -314,8 +331,7 @@ class Session:
             for number in [n for n, j in self.running.items() if j["kind"] == kind]:
                 self.stop(number)
             self.last.pop(kind, None)
-            node, names = self.current, self.names(FIT)
-            effect = None
+            node, ticked, effect = self.current, self.ticked(), None
             if kind in ("add", "try"):
                 effect = self.effect(given)
                 self.model_of(node).with_effect(effect)  # raises at once
@@ -323,14 +339,9 @@ class Session:
                 self._do({"event": "search", "state": "running", "rows": [], "node": node, "answer": [],
                           "proposal": None, "next": None, "judge": self.judge})  # fmt: skip
             more = self.judge if kind == "search" else effect
-            number = self.jobs.begin(kind, self.nodes[node]["model"], names, self.cuts, more)
-            self.running[number] = {
-                "id": number,
-                "kind": kind,
-                "node": node,
-                "effect": effect,
-                "told": "begins",
-            }
+            number = self.jobs.begin(kind, self.nodes[node]["model"], ticked["runs"], ticked["cuts"], more)
+            job = {"id": number, "kind": kind, "node": node, "told": "begins"}
+            self.running[number] = {**job, "effect": effect, "ticked": ticked}
             self.tell()
             return number
 
@@ -359,7 +370,10 @@ class Session:
                 if job["kind"] == "search":
                     self._do({"event": "search", "state": "failed"})
             elif kind == "done":
-                self._done(job, content)
+                try:
+                    self._done(job, content)
+                except GroundError as error:
+                    self.last[job["kind"]] = {"failed": str(error)}
             elif kind == "ended":
                 self.running.pop(number)
             self.tell()
@@ -375,7 +389,7 @@ class Session:
             more = {k: found[k] for k in ("parameters", "before", "helps", "reason", "remarks") if k in found}
             if kind == "add":
                 more["effect"] = job["effect"]
-            self._add(node, kind, what, found["model"], found["after"], **more)
+            self._add(node, kind, what, found["model"], found["after"], job["ticked"], **more)
 
 
 def _span(given: Sequence[float]) -> Tuple[float, float]:

@@ -39,7 +39,6 @@ def measured(ready: Predictor, run: str, start: float, end: float) -> Document:
     times = np.array(data.times)
     inside = np.flatnonzero((times >= start) & (times <= end))
     at = inside[:: _every(len(inside))]
-    gaps = np.flatnonzero(np.diff(inside) > _every(len(inside))) + 1
     eta, nu = np.array(data.eta)[at], np.array(data.nu)[at]
     columns = dict(zip(("x", "y", "psi", "u", "v", "r"), np.column_stack([eta, nu]).T))
     repaired = quality.repaired(ready.recordings[ready.names.index(run)])
@@ -48,7 +47,6 @@ def measured(ready: Predictor, run: str, start: float, end: float) -> Document:
     kept = kept[np.append(True, (np.diff(kept[:, 1:], axis=0) != 0).any(axis=1))] if len(kept) else kept
     kept = kept[:: _every(len(kept))]
     names = [*ready.model.core.channels]
-    del gaps
     return {
         "t": _listed(times[at], 4),
         **{name: _listed(values, 4) for name, values in columns.items()},
