@@ -5,7 +5,6 @@ import shlex
 from typing import Any, Dict, List
 
 import ground
-from ground.models import Model
 from ground.support import files
 from ground.support.annotations import Document
 from ground.workbench import work
@@ -106,7 +105,7 @@ def shell(session: Session) -> str:
     return "\n".join([*lines, "cp step_%d.yaml model.yaml" % session.current]) + "\n"
 
 
-def save(session: Session, folder: str, given: Model) -> Document:
+def save(session: Session, folder: str) -> Document:
     """Writes model, page and scripts into the folder; their names."""
     with session.lock:
         texts = {"script.py": python(session), "script.sh": shell(session)}
@@ -115,8 +114,8 @@ def save(session: Session, folder: str, given: Model) -> Document:
     for name, text in texts.items():
         files.write_text(os.path.join(folder, name), text, force=True)
     model.save(os.path.join(folder, "model.yaml"), force=True)
-    models: Dict[str, Any] = {"given": given}
-    if model != given:
+    models: Dict[str, Any] = {"given": session.given}
+    if model != session.given:
         models["model %d" % session.current] = model
     page = ground.compare(models, runs).save(os.path.join(folder, "page"), force=True)
     return {"folder": folder, "files": ["model.yaml", *texts, os.path.relpath(page, folder)]}

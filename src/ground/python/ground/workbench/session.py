@@ -29,9 +29,10 @@ class Session:
         held_out: Sequence[str],
         room: Optional[Room],
         file: WorkFile,
+        jobs: Jobs,
     ) -> None:
         self.recordings, self.room, self._file = list(recordings), room, file
-        self.given = model
+        self.given, self.jobs = model, jobs
         self.lock = threading.RLock()
         self.changed = threading.Condition(self.lock)
         self.version = 0
@@ -62,7 +63,6 @@ class Session:
             self._add(0, "start", "the given model", self.given.format())
         if self.search["state"] == "running":
             self._do({"event": "search", "state": "stopped"})
-        self.jobs: Optional[Jobs] = None
 
     # Changes
 
@@ -324,7 +324,6 @@ class Session:
 
     def begin(self, kind: str, given: Any = None) -> int:
         """Begins fit, add, try or search on the current model."""
-        assert self.jobs
         with self.lock:
             if kind in ("fit", "add") and any(j["kind"] in ("fit", "add") for j in self.running.values()):
                 raise GroundError("a fit is going on: wait for it, or stop it")
@@ -347,7 +346,6 @@ class Session:
 
     def stop(self, number: int) -> None:
         """Ends a job; what it has told stays."""
-        assert self.jobs
         with self.lock:
             job = self.running.pop(number, None)
             self.jobs.end(number)

@@ -72,15 +72,21 @@ def workbench(
     folder = os.path.abspath(os.fspath(output))
     os.makedirs(folder, exist_ok=True)
     room = Room.of(options.room) if options.room else _room_of(runs)
-    file = WorkFile(folder)
-    session = Session(runs, given, [run.name for run in runs[len(fitted) :]], room, file)
-    session.jobs = Jobs(work.worker(runs, room), session.heard)
-    server = Server(options.port, secrets.token_urlsafe(24), session, actions(session, folder, given))
-    begun(server.address)
+
+    def heard(number: int, kind: str, content: Any) -> None:
+        session.heard(number, kind, content)
+
+    # Before the work file is open: its lock ends with this process, also where a job lives longer.
+    jobs = Jobs(work.worker(runs, room), heard)
     try:
+        session = Session(
+            runs, given, [run.name for run in runs[len(fitted) :]], room, WorkFile(folder), jobs
+        )
+        server = Server(options.port, secrets.token_urlsafe(24), session, actions(session, folder))
+        begun(server.address)
         serve(server)
     finally:
-        session.jobs.close()
+        jobs.close()
 
 
 def _room_of(runs: Sequence[Recording]) -> Optional[Room]:
@@ -88,7 +94,7 @@ def _room_of(runs: Sequence[Recording]) -> Optional[Room]:
     return next((room for room in map(Room.of_recording, runs) if room), None)
 
 
-def actions(session: Session, folder: str, given: Model) -> Dict[str, Callable[[Document], Any]]:
+def actions(session: Session, folder: str) -> Dict[str, Callable[[Document], Any]]:
     """What the page may ask for, by name."""
 
     def view(of: Document) -> Any:
@@ -128,7 +134,7 @@ def actions(session: Session, folder: str, given: Model) -> Dict[str, Callable[[
         "begin": done(lambda of: session.begin(_kind(of), of.get("effect"))),
         "stop": done(lambda of: session.stop(int(of["job"]))),
         "check": lambda of: session.check(dict(of["formula"])),
-        "save": lambda of: scripts.save(session, folder, given),
+        "save": lambda of: scripts.save(session, folder),
     }
 
 
