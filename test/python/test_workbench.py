@@ -19,7 +19,7 @@ from browsing import waiting
 from conftest import MODEL, located, slow, wait_for
 from ground.analysis import units
 from ground.support.errors import GroundError
-from ground.workbench.work_file import WorkFile
+from ground.workshop.work_file import WorkFile
 
 LAG, SLOPE = 0.05, 0.005
 PICTURES = os.environ.get("WORKBENCH_PICTURES")  # folder for a picture of each step

@@ -39,7 +39,7 @@ _PUBLIC = {
     "results.plot": "Figures plot",
     "simulation.simulate": "simulate",
     "simulation.simulated_run": "SimulatedRun",
-    "workbench.workbench": "workbench",
+    "workshop.workbench": "workbench",
 }
 _HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from ground.simulation.simulate import simulate
     from ground.simulation.simulated_run import SimulatedRun
     from ground.support.errors import GroundError, GroundWarning, OptionError
-    from ground.workbench.workbench import workbench
+    from ground.workshop.workbench import workbench
 
 __all__ = [  # the names of _HOMES, repeated for type checkers
     "Addition",

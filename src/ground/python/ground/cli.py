@@ -35,7 +35,7 @@ VERBS = [
     Verb("history", "ledger.history", "what drifts, what jumped, and which craft is odd, over many runs"),
     Verb(
         "workbench",
-        "workbench.workbench",
+        "workshop.workbench",
         "a page to fit, look where the model fails, and add what is missing",
     ),
     Verb("export", "exporting.export", "a model as NumPy, CasADi or C code; a run as MCAP for viewers"),

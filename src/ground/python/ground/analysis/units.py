@@ -40,17 +40,12 @@ def words(unit: Unit) -> str:
 
     def part(sign: int) -> str:
         powers = [(name, sign * n) for name, n in zip(("N", "m", "s"), unit) if sign * n > 0]
-        order = powers if sign < 0 else sorted(powers, key=lambda one: one[0] == "m" and unit[0] > 0)
-        return " ".join(name + (str(n) if n > 1 else "") for name, n in order)
+        return " ".join(name + (str(n) if n > 1 else "") for name, n in powers)
 
-    over, under = part(1) or "1", part(-1)
-    return (
-        "%s/%s" % (over, "(%s)" % under if " " in under else under)
-        if under
-        else over.replace("1", "-", 1)
-        if over == "1"
-        else over
-    )
+    over, under = part(1), part(-1)
+    if not under:
+        return over or "-"
+    return "%s/%s" % (over or "1", "(%s)" % under if " " in under else under)
 
 
 def _terms(tree: ast.expr) -> Sequence[ast.expr]:

@@ -14,7 +14,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from ground.support import errors, files
 from ground.support.annotations import Document
-from ground.workbench.session import Session
+from ground.workshop.session import Session
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 MOST_BYTES = 64 * 1024  # of a request

@@ -20,10 +20,10 @@ from ground.support.command_line import option
 from ground.support.errors import GroundError
 from ground.support.jobs import Jobs
 from ground.support.progress import Progress, Work, say
-from ground.workbench import scripts, views, work
-from ground.workbench.server import Server, serve
-from ground.workbench.session import FIT, Session
-from ground.workbench.work_file import WorkFile
+from ground.workshop import scripts, views, work
+from ground.workshop.server import Server, serve
+from ground.workshop.session import FIT, Session
+from ground.workshop.work_file import WorkFile
 
 OLDEST = (3, 8)
 

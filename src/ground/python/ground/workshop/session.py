@@ -12,8 +12,8 @@ from ground.recordings.recording import Recording
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 from ground.support.jobs import Jobs
-from ground.workbench import work
-from ground.workbench.work_file import SCHEMA, WorkFile
+from ground.workshop import work
+from ground.workshop.work_file import SCHEMA, WorkFile
 
 FIT, HELD_OUT, OFF = "fit", "held out", "off"  # roles of runs
 

@@ -7,8 +7,8 @@ from typing import Any, Dict, List
 import ground
 from ground.support import files
 from ground.support.annotations import Document
-from ground.workbench import work
-from ground.workbench.session import FIT, Session
+from ground.workshop import work
+from ground.workshop.session import FIT, Session
 
 HEAD = '''"""What was done on the workbench. It prints the error of each model: predictions after %g s."""
 
