@@ -239,6 +239,8 @@ function showJobs(before) {
   const job = S.running.find(one => one.kind === "fit" || one.kind === "add");
   $("fit").disabled = Boolean(job);
   if (job) say(`${job.kind === "fit" ? "Fitting" : "Adding"}: ${job.told}${job.of > 1 ? `, ${job.done} of ${job.of}` : ""} …`);
+  else if (S.running.some(one => one.kind === "page")) say("Saving …");
+  else if (before && S.last.page && (before.running.some(one => one.kind === "page") || !before.last.page)) say(S.last.page.failed || `Saved in ${S.last.page.folder}: ${S.last.page.files.join(", ")}`, Boolean(S.last.page.failed));
   else if (before && before.running.some(one => one.kind === "fit" || one.kind === "add") && before.nodes.length === S.nodes.length)
     say(S.last.fit?.failed || S.last.add?.failed || "Stopped.", true);
 }
@@ -389,7 +391,7 @@ function showNext() {
 
 $("fit").onclick = () => begin("fit");
 $("undo").onclick = () => { const begun = performance.now(); act("undo").then(() => window.timing.act.push(performance.now() - begun)); };
-$("save").onclick = () => { say("Saving …"); api("save").then(found => say(`Saved in ${found.folder}: ${found.files.join(", ")}`)).catch(error => say(error.message, true)); };
+$("save").onclick = () => act("save");
 $("search").onclick = () => begin("search");
 $("addformula").onclick = () => entry && begin("add", entry);
 $("run").onchange = () => { choose($("run").value); show(S); };

@@ -2,13 +2,11 @@
 
 import os
 import shlex
-from typing import Any, Dict, List
+from typing import List
 
-import ground
 from ground.support import files
 from ground.support.annotations import Document
-from ground.workshop import work
-from ground.workshop.session import FIT, Session
+from ground.workshop.session import Session
 
 HEAD = '''"""What was done on the workbench. It prints the error of each model: predictions after %g s."""
 
@@ -105,20 +103,14 @@ def shell(session: Session) -> str:
     return "\n".join([*lines, "cp step_%d.yaml model.yaml" % session.current]) + "\n"
 
 
-def save(session: Session, folder: str) -> Document:
-    """Writes model, page and scripts into the folder; their names."""
+def save(session: Session, folder: str) -> None:
+    """Writes model and scripts into the folder, and begins the job that writes the page."""
     with session.lock:
         texts = {"script.py": python(session), "script.sh": shell(session)}
-        model = session.model_of(session.current)
-        runs = work.parts(session.recordings, session.names(FIT), session.cuts)
-    for name, text in texts.items():
-        files.write_text(os.path.join(folder, name), text, force=True)
-    model.save(os.path.join(folder, "model.yaml"), force=True)
-    models: Dict[str, Any] = {"given": session.given}
-    if model != session.given:
-        models["model %d" % session.current] = model
-    page = ground.compare(models, runs).save(os.path.join(folder, "page"), force=True)
-    return {"folder": folder, "files": ["model.yaml", *texts, os.path.relpath(page, folder)]}
+        texts["model.yaml"] = session.model_of(session.current).format()
+        for name, text in texts.items():
+            files.write_text(os.path.join(folder, name), text, force=True)
+        session.begin("page", {"folder": folder, "given": session.given.format(), "files": list(texts)})
 
 
 def _yaml(entry: Document) -> str:

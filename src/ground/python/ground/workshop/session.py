@@ -33,7 +33,7 @@ class Session:
     ) -> None:
         self.recordings, self.room, self._file = list(recordings), room, file
         self.given, self.jobs = model, jobs
-        self.lock = threading.RLock()
+        self.lock, self._building = threading.RLock(), threading.Lock()
         self.changed = threading.Condition(self.lock)
         self.version = 0
         self.nodes: Dict[int, Document] = {}
@@ -114,7 +114,7 @@ class Session:
             raise GroundError("no run is ticked to be fitted")
         cuts = self.cuts if cuts is None else cuts
         key = repr((list(names), sorted((name, cuts[name]) for name in names if name in cuts)))
-        with self.lock:
+        with self._building:
             if key not in self._ready:
                 if len(self._ready) > 40:
                     self._ready.clear()
@@ -140,13 +140,15 @@ class Session:
         ticked = ticked or self.ticked()
         ready, model = self.predictor(ticked["runs"], ticked["cuts"]), Model.parse(node["model"])
         off = asdict(ready.error(model))
+        before = self.nodes.get(node["parent"])  # whose floor is near that of other values
+        floor = node.get("floor") or (before["floor"] if before else asdict(ready.noise(model)))
         return {
             **node,
             "seconds": ready.horizon,
             "as_is": off,
             "error": after or off,
             "by": "cross-validated" if after else "as it is",
-            "floor": asdict(ready.noise(model)),
+            "floor": floor,
             **ticked,
         }
 
@@ -162,7 +164,7 @@ class Session:
             return {}
         key = repr((self.current, node["model"], ticked))
         if self._renewed[0] != key:
-            made = self._judged({"model": node["model"]})
+            made = self._judged(node)
             self._renewed = key, {name: made[name] for name in ("error", "by", "floor", "as_is")}
         return {**self._renewed[1], "before": None}
 
@@ -337,7 +339,7 @@ class Session:
             if kind == "search":
                 self._do({"event": "search", "state": "running", "rows": [], "node": node, "answer": [],
                           "proposal": None, "next": None, "judge": self.judge})  # fmt: skip
-            more = self.judge if kind == "search" else effect
+            more = {"search": self.judge, "page": given}.get(kind, effect)
             number = self.jobs.begin(kind, self.nodes[node]["model"], ticked["runs"], ticked["cuts"], more)
             job = {"id": number, "kind": kind, "node": node, "told": "begins"}
             self.running[number] = {**job, "effect": effect, "ticked": ticked}
@@ -380,11 +382,15 @@ class Session:
         kind, node = job["kind"], job["node"]
         if kind == "search":
             self._do({"event": "search", "state": "done", **found})
-        elif kind == "try":
+        elif kind in ("try", "page"):
             self.last[kind] = {k: v for k, v in found.items() if k != "model"}
         else:
             what = "fit" if kind == "fit" else "add " + found["effect"]
-            more = {k: found[k] for k in ("parameters", "before", "helps", "reason", "remarks") if k in found}
+            more = {
+                k: found[k]
+                for k in ("parameters", "before", "floor", "helps", "reason", "remarks")
+                if k in found
+            }
             if kind == "add":
                 more["effect"] = job["effect"]
             self._add(node, kind, what, found["model"], found["after"], job["ticked"], **more)

@@ -1,5 +1,6 @@
 """What a job does, through the public functions, and what it tells of it in plain values."""
 
+import os
 from dataclasses import asdict
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -27,7 +28,7 @@ def parts(recordings: Sequence[Recording], names: Sequence[str], cuts: Cuts) -> 
 
 
 def worker(recordings: Sequence[Recording], room: Optional[Room]) -> Callable[..., None]:
-    """The function that does jobs on recordings: fit, add, try, search."""
+    """The function that does jobs on recordings: fit, add, try, search, page."""
 
     def work(kind: str, arguments: Tuple[Any, ...], tell: Tell) -> None:
         def progress(report: Report) -> None:
@@ -40,12 +41,22 @@ def worker(recordings: Sequence[Recording], room: Optional[Room]) -> Callable[..
             tell("done", fitted(found))
         elif kind in ("add", "try"):
             tell("done", added(ground.add(model, Effect.of(more), runs, progress=progress)))
+        elif kind == "page":
+            tell("done", saved(model, runs, **more))
         else:
             if more:  # the stretch that candidates are judged on
                 runs = [run.within(*more[1:]) for run in runs if run.name == more[0]]
             tell("done", searched(model, runs, room, tell, progress))
 
     return work
+
+
+def saved(model: Model, runs: Sequence[Recording], folder: str, given: str, files: List[str]) -> Document:
+    """The page that compares a model with the given one, beside other files."""
+    first = Model.parse(given)
+    models = {"given": first} if model == first else {"given": first, "model": model}
+    place = ground.compare(models, runs).save(os.path.join(folder, "page"), force=True)
+    return {"folder": folder, "files": [*files, os.path.relpath(place, folder)]}
 
 
 def fitted(found: ground.Fit) -> Document:
@@ -67,6 +78,7 @@ def _refitted(found: Any, before: str, after: str) -> Document:
         "parameters": {name: {key: getattr(p, key) for key in names} for name, p in found.parameters.items()},
         "before": off and asdict(off.errors[before]),
         "after": off and asdict(off.errors[after]),
+        "floor": off and asdict(off.mocap),
     }
 
 

@@ -134,7 +134,7 @@ def actions(session: Session, folder: str) -> Dict[str, Callable[[Document], Any
         "begin": done(lambda of: session.begin(_kind(of), of.get("effect"))),
         "stop": done(lambda of: session.stop(int(of["job"]))),
         "check": lambda of: session.check(dict(of["formula"])),
-        "save": lambda of: scripts.save(session, folder),
+        "save": done(lambda of: scripts.save(session, folder)),
     }
 
 
