@@ -59,6 +59,13 @@ def workbench(
     folder, made if it is missing, of the work file, which brings everything back when the workbench is
     started again, and of what the page saves; nothing else is written. begun: called with the address of the
     page. GroundError when a file cannot be read, or the system has no fork (Windows). Options:
+
+    >>> def seen(address):  # a program of your own may open it
+    ...     raise SystemExit("at %s..." % address[:17])
+    >>> ground.workbench(bag, model_file, begun=seen)
+    Traceback (most recent call last):
+    ...
+    SystemExit: at http://127.0.0.1:...
     """
     command_line.check(options)
     if "fork" not in multiprocessing.get_all_start_methods():
