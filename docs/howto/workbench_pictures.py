@@ -19,7 +19,6 @@ PICTURES = {
     "4_searching_light": "docs/howto/workbench_searching.png",
     "4_added_light": "docs/howto/workbench_added.png",
     "5_added_light": ".readme/workbench.png",
-    "7_next_light": "docs/howto/workbench_next.png",
 }
 
 

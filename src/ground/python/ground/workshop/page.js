@@ -213,9 +213,9 @@ function showSearch() {
   $("search").disabled = Boolean(job); $("stop").hidden = !job;
   $("stop").onclick = () => act("stop", {job: job.id});
   const where = search.judge ? ` on ${search.judge[0]}, ${search.judge[1].toFixed(1)} to ${search.judge[2].toFixed(1)} s` : "";
-  const states = {none: "Tries every effect of the library, alone and together.", stopped: "Stopped. Each effect alone, as far as it was tried:", failed: "Failed.", done: `Done, for model ${search.node}${where}.`};
+  const states = {none: "Tries every effect of the library, alone and together.", stopped: `Stopped. Each effect alone, beside model ${search.node}.`, failed: "Failed.", done: `Done, for model ${search.node}${where}.`};
   $("searching").textContent = job ? `${job.told}${job.of > 1 ? `, ${job.done} of ${job.of}` : ""}${where} …` : states[search.state] || "";
-  if (!job && search.rows.length && search.node !== S.current) $("searching").append(` They were tried beside model ${search.node}; search again for this one. `);
+  if (!job && search.rows.length && search.node !== S.current) $("searching").append(" Search again for this model. ");
   if (S.judge && !job) $("searching").append(` Candidates are judged on ${S.judge[0]}, ${S.judge[1].toFixed(1)} to ${S.judge[2].toFixed(1)} s. `,
     make("button", {textContent: "judge on all", onclick: () => act("judge", {run: S.judge[0], span: null})}));
   if (S.last.search?.failed) say(S.last.search.failed, true);
