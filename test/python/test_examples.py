@@ -33,6 +33,7 @@ NOT_RUN = {
     "docs/howto/history.md": "names the recordings of a laboratory; test_history.py has such",
     "docs/howto/index.md": "sets variables for the pages below it",
     "docs/howto/plot.md": "the test of its blocks of Python runs it",
+    "docs/howto/workbench.md": "serves until Ctrl-C; test_workbench.py does what the page says",
     "docs/howto/without_ros.md": "installs packages; test_wheel.py does so in an environment of its own",
 }
 RECORDED = """
