@@ -436,10 +436,10 @@ def test_units_of_parameters():
 
 def test_speed(page, bench):
     """Medians are printed; the bounds are for an idle computer."""
-    page.js("timing.drag.length = 0; const s = document.getElementById('p_k'); let i = 0;"
+    page.js("timing.drag.length = 0; const s = document.getElementById('p_k'); window.i = 0;"
             "window.d = setInterval(() => { s.value = 400 + 5 * ++i; s.dispatchEvent(new Event('input'));"
             "if (i > 30) clearInterval(d); }, 120)")  # fmt: skip
-    page.until("i > 30 || timing.drag.length > 15")
+    page.until("i > 30 && timing.drag.length > 3")
     page.js("document.getElementById('p_k').dispatchEvent(new Event('change'))")
     found = page.js("return timing")
     print({name: statistics.median(found[name]) for name in ("drag", "net", "all")}, found["first"])

@@ -18,6 +18,7 @@ from ground.workshop.session import Session
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 MOST_BYTES = 64 * 1024  # of a request
+MOST_DROPPED = 4 * 1024 * 1024  # of a request that is too long, read and dropped [bytes]
 HOSTS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d+)?")
 SILENCE = 10.0  # time after which an open page is sent a line, so that it sees that the server lives [s]
 POLICY = (
@@ -39,7 +40,28 @@ class Server(ThreadingHTTPServer):
         self.pages = {"/" + name: _packed(name) for name in ("page.html", "page.js", "page.css")}
         self.pages["/"] = self.pages.pop("/page.html")
         self.pages["/plotly.js"] = _plotly()
+        self._working, self._ended, self._idle = 0, False, threading.Condition()
         super().__init__(("127.0.0.1", port), Handler)
+
+    def enter(self) -> bool:
+        """Whether an action may begin."""
+        with self._idle:
+            self._working += not self._ended
+            return not self._ended
+
+    def leave(self) -> None:
+        """An action has ended."""
+        with self._idle:
+            self._working -= 1
+            self._idle.notify_all()
+
+    def end(self) -> None:
+        """Ends when no action is going on: a thread in the core must not outlive the interpreter."""
+        with self._idle:
+            self._ended = True
+            self._idle.wait_for(lambda: not self._working)
+        self.shutdown()
+        self.server_close()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A page that was closed before its answer came is no error."""
@@ -83,12 +105,16 @@ class Handler(BaseHTTPRequestHandler):
             return self._refuse(403, "wrong or missing token")
         length = self.headers.get("Content-Length", "")
         if not length.isdigit() or int(length) > MOST_BYTES:
+            if length.isdigit():
+                self.rfile.read(min(int(length), MOST_DROPPED))  # else it would not read the answer
             return self._refuse(413, "a request has at most %d bytes" % MOST_BYTES)
         if self.headers.get("Content-Type", "").partition(";")[0] != "application/json":
             return self._refuse(415, "a request is JSON")
         name = urlsplit(self.path).path.lstrip("/")
         if name not in self.server.actions:
             return self._refuse(404, "there is no action %s" % name[:40])
+        if not self.server.enter():
+            return self._refuse(503, "the workbench ends")
         try:
             content = json.loads(self.rfile.read(int(length)))
             if not isinstance(content, dict):
@@ -100,6 +126,8 @@ class Handler(BaseHTTPRequestHandler):
             if os.environ.get("GROUND_DEBUG"):
                 traceback.print_exc()
             answer, status = {"refused": "not a request of this page: %s" % str(error)[:200]}, 400
+        finally:
+            self.server.leave()
         body = json.dumps(files.plain(answer), separators=(",", ":")).encode()
         self._send(status, body, "application/json")
 
@@ -176,5 +204,4 @@ def serve(server: Server, ended: Optional[threading.Event] = None) -> None:
     try:
         (ended or threading.Event()).wait()
     finally:
-        server.shutdown()
-        server.server_close()
+        server.end()

@@ -78,6 +78,11 @@ class Session:
             self.version += 1
             self.changed.notify_all()
 
+    def end(self) -> None:
+        """Hears nothing any more."""
+        with self.lock:
+            self.running.clear()
+
     def wait(self, seen: int, seconds: float) -> int:
         """The number of the state, as soon as it is not the one that was seen, or after a time."""
         with self.changed:

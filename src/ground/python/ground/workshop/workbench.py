@@ -91,7 +91,10 @@ def workbench(
         )
         server = Server(options.port, secrets.token_urlsafe(24), session, actions(session, folder))
         begun(server.address)
-        serve(server)
+        try:
+            serve(server)
+        finally:
+            session.end()
     finally:
         jobs.close()
 
