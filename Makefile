@@ -20,7 +20,7 @@ options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY)) $(if $(NATIVE),-DGROUND_N
 
 .PHONY: build demo test fresh lint sanitize fuzz search promises falsify mutants coverage bench bench-hidden bench-mujoco bench-discover \
   bench-tracking \
-  bench-soak bench-table bench-faults bench-changes bench-plans \
+  bench-soak bench-table bench-faults bench-plans \
   bench-commands bench-diagnose bench-history bench-rates replay docs install clean
 
 build: $(configured)
@@ -137,10 +137,6 @@ bench-soak: build
 # Controllers in closed loop, also with hidden effects before and after a diagnosis.
 bench-tracking: build
 	@$(in_workspace) test/bench/tracking.py $(OPTIONS)
-
-# Changes of a craft in flight: names, false names, and a controller that takes them. OPTIONS="--flights 20 --hours 1"
-bench-changes: build
-	@$(in_workspace) test/bench/changes.py --json build/changes.json $(OPTIONS)
 
 # Plans of ModelPredictive: closed loops with noise, decisions with a deadline.
 bench-plans: build

@@ -5,8 +5,6 @@ from dynamic_reconfigure.parameter_generator_catkin import double_t
 
 def add(gen, push, twist, push_drift, twist_drift):
     group = gen.add_group("Observer").add
-    group("position_noise", double_t, 0, "Noise of x and y, 1 sigma [m]", 3e-4, 1e-6, 0.1)
-    group("heading_noise", double_t, 0, "Noise of the heading, 1 sigma [rad]", 5e-3, 1e-6, 0.5)
     group("push", double_t, 0, "White acceleration, root density [m/s^1.5]", push, 0.0, 100.0)
     group("twist", double_t, 0, "White yaw acceleration, root density [rad/s^1.5]", twist, 0, 1e3)
     group("push_drift", double_t, 0, "Drift of missing acceleration [m/s^2.5]", push_drift, 0, 100)

@@ -26,6 +26,7 @@ void iterate(benchmark::State& state, const Model& model, TrackingController& co
   double t = 0;
   for (auto _ : state) {
     seen.stamp = seen.now = t;
+    seen.pose = poseMeasurement(seen.state.eta, 3e-4, 5e-3);
     const Thrusters<double> inputs = controller.decide(seen);
     controller.commanded(t, inputs, 1);
     dynamics.step(t, seen.state, {{inputs, inputs, inputs}, {1, std::nullopt}, true}, kPeriod / 4, 4);

@@ -10,8 +10,10 @@ import ground
 from ground.analysis import candidates, diagnosis, horizon, window_error
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.verdict import HeldOut, conclude
+from ground.data.measured import repaired
 from ground.recordings import quality
 from ground.support.errors import GroundError
+from ground.support.progress import Work
 
 
 def diagnose(runs, heldout, model):
@@ -105,9 +107,9 @@ def answer(recordings, model):
     """What `ground.diagnose` tells a user about recordings of a _core.Model, as plain values, and models.
 
     The values: `verdict`, `chosen`, `groups`, `parameters`, `seconds` until it is told, seconds of
-    `processor` time, `lines` [label, text], `horizon` [s] of its prediction (None: too short). The
-    _core.Models by name: improved (None: it offers none), given, and without effects, refitted by the tool,
-    by simulation error and by likelihood.
+    `processor` time, `lines` [label, text], `horizon` [s] of its prediction (None: too short), `unsmoothed`,
+    whether it takes the poses as before a low-pass of the mocap. The _core.Models by name: improved (None: it
+    offers none), given, and without effects, refitted by the tool, by simulation error and by likelihood.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -135,6 +137,7 @@ def answer(recordings, model):
         "lines": [list(line) for line in found.headline("diagnosis")],
         "horizon": report["prediction"] and report["prediction"]["seconds"],
         "promised": report["prediction"] and report["prediction"]["errors"],
+        "unsmoothed": all(run.motion.low_pass for run in recordings),
     }
     return told, models
 
@@ -143,7 +146,7 @@ def kept(recordings, models, horizon_of):
     """Errors of predicted poses of recordings that were never given to the tool, as it measures them: for
     each of some _core.Models by name, position_mm and heading_deg. horizon_of: time of a prediction [s]."""
     first = next(iter(models.values()))
-    runs = [quality.repaired(recording).data(first) for recording in recordings]
+    runs = [run.data(first) for run in repaired(recordings, Work(), first)]
     starts = horizon.Starts.of(runs, horizon_of)
     errors = {name: starts.errors(runs, [model] * len(starts.windows)) for name, model in models.items()}
     return {name: dataclasses.asdict(horizon.PoseError.of(found)) for name, found in errors.items()}

@@ -45,7 +45,7 @@ def judged(case):
     except GroundError as error:
         return dict(result, found={"failed": str(error)})
     seconds = found["horizon"] or LEAST
-    blocks = [Blocks(case, i, flown[i], seconds) for i in fresh]
+    blocks = [Blocks(case, i, flown[i], seconds, found["unsmoothed"]) for i in fresh]
     result["found"] = found
     result["errors"] = errors(blocks, models)
     if found["promised"]:
@@ -78,13 +78,15 @@ def craft_of(model):
 
 
 class Blocks:
-    """Blocks of a fresh run: where they start and end, and what the mocap measured there."""
+    """Blocks of a fresh run: where they start and end, and what the mocap measured there. unsmoothed: it is
+    taken as before the mocap's low-pass."""
 
-    def __init__(self, case, i, flown, seconds):
+    def __init__(self, case, i, flown, seconds, unsmoothed):
         self.case, self.i, self.flown = case, i, flown
-        mocap, rate = case.mocap, hidden_noise.RATE
-        self.frames = flown.frames
-        self.after = FILTERED / mocap["cutoff"] if mocap.get("cutoff") and mocap["both"] else 0.0
+        smooths = case.mocap.get("cutoff") and not unsmoothed
+        self.mocap = mocap = case.mocap if smooths else {**case.mocap, "cutoff": 0.0}
+        rate, self.frames = hidden_noise.RATE, flown.frames
+        self.after = FILTERED / mocap["cutoff"] if smooths and mocap["both"] else 0.0
         length = int(round(seconds * rate))
         gap = length + int(np.ceil(self.after * rate))
         thrust = np.flatnonzero(flown.sent[:, 1:3].any(axis=1))[0]
@@ -92,7 +94,8 @@ class Blocks:
         last = np.searchsorted(self.frames, flown.end - experiments.TAIL) - 1
         self.starts = np.arange(first, last - gap, gap)
         self.ends = self.starts + length
-        self.measured = flown.recording.eta
+        off = flown.recording.eta - hidden_noise.smoothed(flown.exact, case.mocap)
+        self.measured = hidden_noise.smoothed(flown.exact, mocap) + off
         times = self.frames
         rates = [hidden_cases.exact(case, flown.motion, times + d) for d in (-SMALL, SMALL)]
         self.exact = hidden_noise.smoothed(flown.exact, mocap)
@@ -126,7 +129,7 @@ class Blocks:
         poses = true + self.noise[:, :3]
         states = np.column_stack([poses, _turned(in_room, -poses[:, 2])])
         paths = self._paths(craft, states, self._commands_of_truth(craft.effects))
-        if not (case.mocap.get("cutoff") or "sway" in case.effects):
+        if not (self.mocap.get("cutoff") or "sway" in case.effects):
             ends = np.array([path[_row(path, at)][1:4] for path, at in zip(paths, self.frames[self.ends])])
             return self._apart(hidden_craft.seen(craft.effects, ends))
         return self._apart(np.array([self._seen(*each) for each in zip(paths, self.starts, self.ends)]))
@@ -149,7 +152,7 @@ class Blocks:
             np.vstack([motion.nu_dot[before], path[:, 7:10]]),
         )
         frames = self.frames[self.frames <= path[-1, 0] + 1e-9]
-        return hidden_noise.smoothed(hidden_cases.exact(self.case, whole, frames), self.case.mocap)[end]
+        return hidden_noise.smoothed(hidden_cases.exact(self.case, whole, frames), self.mocap)[end]
 
     def _begun(self, craft):
         """States (n, 6) of a craft at the starts, as the mocap shows them."""

@@ -1,35 +1,15 @@
-#!/usr/bin/python3
-"""Crafts with one fan and a rudder in its stream, each with a hidden effect: an offset or a dead band of the
-rudder, a delay of the commands, or a fan whose gain is another than the model says. The truth is a craft in
-the world's frame with an integrator of its own, which shares nothing with the project's model.
+"""A craft with one fan and a rudder in its stream, in the world's frame and with an integrator of its own: it
+shares nothing with the project's model."""
 
-A fan's gain is no effect: it is the parameter k, which a diagnosis fits first. It counts as named if no
-effect is chosen and the interval of k has the truth, and not the value of the model.
-"""
-
-import argparse
 import math
-import os
 
 import numpy as np
 
-from ground import _core
-from ground.analysis import candidates, diagnosis
 from jets import RATE, recorded
-from shares import share
 
-ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-MODEL = os.path.join(ROOT, "cfg", "craft", "one_fan_rudder.yaml")
 RUNS, DURATION, HOLD = 4, 20.0, 0.5  # runs of a case, their length [s], how long commands last [s]
 STEP = 0.0025  # of the integration [s]
 NOISE = (3e-4, 2e-3)  # standard deviations of poses [m], [rad]
-KINDS = ("offset", "delay", "dead_band", "gain")
-NAMES = {
-    "offset": "angle_offset_rudder",
-    "delay": "input_delay",
-    "dead_band": "dead_band_rudder",
-    "gain": "k",
-}
 
 
 class OneFan:
@@ -91,19 +71,6 @@ class OneFan:
         return np.array(found)
 
 
-def truth_of(seed):
-    """The kind of a case, and the truth that it hides: angle [rad], delay [s], width, relative gain."""
-    random = np.random.default_rng(1000 + seed)
-    kind, sign = KINDS[seed % len(KINDS)], random.choice([-1, 1])
-    if kind == "offset":
-        return kind, sign * math.radians(random.uniform(2, 8))
-    if kind == "delay":
-        return kind, round(random.uniform(0.04, 0.15) / STEP) * STEP
-    if kind == "dead_band":
-        return kind, random.uniform(0.08, 0.25)
-    return kind, sign * random.uniform(0.1, 0.3)
-
-
 def runs_of(craft, random, count=RUNS, duration=DURATION):
     """_core.RunData of a case: levels of the fan and angles by chance, every HOLD anew."""
     runs = []
@@ -114,45 +81,3 @@ def runs_of(craft, random, count=RUNS, duration=DURATION):
         eta = craft.poses(commands, [0.0, 0.0, random.uniform(-math.pi, math.pi)])
         runs.append(recorded("run %d" % (number + 1), edges, commands, eta, NOISE, random))
     return runs
-
-
-def diagnosed(seed, model, threads=0):
-    """What a case hides, what its diagnosis names, and the values of that."""
-    kind, value = truth_of(seed)
-    runs = runs_of(OneFan(model, **{kind: value}), np.random.default_rng(seed))
-    found = diagnosis.Diagnosis(runs, model, candidates.library(model), threads=threads)
-    found.grow()
-    named = sorted(found.names)
-    k = next(p for p in found.fit.parameters if p["name"] == "k")
-    low, high = k["ci95"]
-    if not named and not low <= model.value("k") <= high:
-        named = ["k"]
-    hidden = NAMES[kind]
-    holds = kind != "gain" or low <= (1 + value) * model.value("k") <= high
-    values = {p["name"]: p["value"] for p in found.fit.parameters}
-    return {
-        "seed": seed,
-        "hidden": hidden,
-        "truth": value,
-        "found": named,
-        "right": named == [hidden] and holds,
-        "values": values,
-    }
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=40, help="number of crafts")
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    options = parser.parse_args()
-    model, right = _core.load_model(MODEL), 0
-    for i, seed in enumerate(range(options.first, options.first + options.count), 1):
-        found = diagnosed(seed, model, threads=1)
-        right += found["right"]
-        words = seed, found["hidden"], found["truth"], ", ".join(found["found"]) or "nothing", right, i
-        print("%3d  %-20s %8.4f  %s   (%d of %d)" % words, flush=True)
-    print("named: " + share(right, i))
-
-
-if __name__ == "__main__":
-    main()

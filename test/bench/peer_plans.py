@@ -86,7 +86,13 @@ class Core:
         command += [os.path.join(HERE, "peer_plans", source) for source in sources]
         command += ["-I" + os.path.join(root, "src/ground/include"), "-isystem/usr/include/eigen3"]
         command += ["-I" + os.path.join(ours, "../include")]  # structs of parameters
-        command += ["-L" + ours, "-lground_control", "-lground_estimation", "-lground_model"]
+        command += [
+            "-L" + ours,
+            "-lground_control",
+            "-lground_safety",
+            "-lground_estimation",
+            "-lground_model",
+        ]
         # The old kind of run path holds for libraries of libraries, too.
         command += ["-Wl,--disable-new-dtags,-rpath," + ours]
         if prefix:

@@ -167,7 +167,8 @@ void keepDeadline(double milliseconds, int count, int hogs_per_core) {
       state.eta << 3 * uniform(random), 3 * uniform(random), M_PI * uniform(random);
     }
     const double t = kPeriod * (i % 10), began = now();
-    control.decide({t, t, state, circle.get(), 0, 1.0, 0});
+    control.decide(
+        {t, t, state, circle.get(), 0, {1.0, std::nullopt}, 0, poseMeasurement(state.eta, 3e-4, 5e-3)});
     times.push_back(now() - began);
     in_time += times.back() <= params.deadline;
   }

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Changes one operator, constant or statement of the two state machines at a time and asks the search over
+"""Changes one operator, constant or statement of the state machines at a time and asks the search over
 all sequences of events which invariant breaks. Prints a table, and the changes that break none."""
 
 import argparse
@@ -13,7 +13,12 @@ sys.path.append(str(pathlib.Path(__file__).resolve().parent.parent / "bench"))
 import changed
 import sampling
 
-FILES = ["link/ground_link.cpp", "control/controller_lifecycle.cpp"]
+FILES = [
+    "safety/ground_link.cpp",
+    "safety/controller_lifecycle.cpp",
+    "safety/freshness.cpp",
+    "safety/fence_guard.cpp",
+]
 
 
 def options():

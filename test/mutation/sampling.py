@@ -11,7 +11,7 @@ from universalmutator import mutator
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 HERE = pathlib.Path(__file__).resolve().parent
 PACKAGE = ROOT / "src" / "ground"
-CORE = ("model", "identification", "link", "control", "estimation", "simulation")
+CORE = ("model", "identification", "link", "safety", "control", "estimation", "simulation")
 
 
 @dataclass(frozen=True)

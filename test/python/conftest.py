@@ -9,6 +9,7 @@ import pathlib
 import shutil
 import socket
 import subprocess
+import sys
 import time
 from unittest import mock
 
@@ -21,6 +22,7 @@ from ground.support import progress
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "epfl_2019"
 MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
+sys.path.insert(0, str(ROOT / "test" / "bench"))
 # Tests of minutes whose subject seldom changes
 slow = pytest.mark.skipif(not os.environ.get("SLOW"), reason="slow: make test SLOW=1 runs it")
 
@@ -160,6 +162,29 @@ def simulate_run(duration=8.0, seed=1, noise=1.0, model=MODEL, strength=1.0, nu=
     eta = run["eta"] + noise * random.normal(0, [3e-4, 3e-4, 5e-3], (len(times), 3))
     eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))
     return times, eta, inputs
+
+
+def run_data(duration=8.0, seed=1, noise=1.0, truth=None, kept=slice(None)):
+    """_core.RunData of a simulated run, perhaps of another craft; kept: which poses remain."""
+    from ground import _core
+    from ground.recordings import repair
+
+    times, eta, inputs = simulate_run(duration, seed, noise)
+    levels = np.array([3e-4, 3e-4, 5e-3])
+    if truth is not None:
+        random = np.random.default_rng(seed)
+        eta = _core.simulate(truth, inputs, times, np.zeros(3), np.zeros(3))["eta"]
+        eta = eta + noise * random.normal(0, levels, eta.shape)
+    eta[:, 2] = np.unwrap(eta[:, 2])
+    times, eta = times[kept], eta[kept]
+    smooth = repair.smooth(times, eta, (levels[0], levels[2]), _core.RunScales())
+    return _core.RunData("run%d" % seed, times, smooth["eta"], smooth["nu"], inputs, eta, levels)
+
+
+def with_effect(path, entry):
+    """Writes the model of the craft with an effect."""
+    path.write_text(MODEL.read_text().replace("effects: []", "effects:\n  - " + entry))
+    return path
 
 
 def recording_of(times, eta, inputs, **more):

@@ -1,19 +1,14 @@
 """Crafts with other actuators than fixed thrusters: one fan and a rudder in its stream, valves, ships."""
 
-import os
-import sys
-
 import numpy as np
 import pytest
 
 import ground
+import one_fan
 from conftest import MODEL, ROOT, identify
 from ground import _core
 from ground.analysis import candidates, diagnosis
 from ground.recordings import suspicions
-
-sys.path.insert(0, os.path.join(str(ROOT), "test", "bench"))
-import one_fan
 
 CRAFTS = ROOT / "cfg" / "craft"
 ONE_FAN = CRAFTS / "one_fan_rudder.yaml"

@@ -5,13 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from conftest import MODEL, identify, write_bag
+from conftest import MODEL, identify, with_effect, write_bag
 from ground.analysis import distributions
-
-
-def with_effect(path, entry):
-    path.write_text(MODEL.read_text().replace("effects: []", "effects:\n  - " + entry))
-    return path
 
 
 @pytest.fixture

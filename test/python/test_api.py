@@ -5,7 +5,6 @@ import doctest
 import importlib
 import inspect
 import json
-import pathlib
 import pickle
 import subprocess
 import sys
@@ -15,7 +14,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, identify, write_bag
+from conftest import MODEL, ROOT, identify, slow, write_bag
 
 GAINS = ROOT / "cfg" / "gains" / "tiny_whoover.yaml"
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
@@ -23,7 +22,14 @@ MODULES = sorted({home for home in ground._HOMES.values()})
 HIDDEN = 2e-5  # constant yaw moment of the simulated craft [N m]
 
 
-@pytest.mark.parametrize("name", MODULES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        # its examples are two whole discoveries
+        pytest.param(name, marks=slow if name == "ground.discovery.discover" else ())
+        for name in MODULES
+    ],
+)
 def test_examples_hold(name, flown, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     module = importlib.import_module(name)
@@ -260,20 +266,6 @@ def test_a_warning_points_at_the_callers_line(tmp_path):
     mine = [w for w in caught if issubclass(w.category, ground.GroundWarning)]
     assert mine and all(w.filename == __file__ for w in mine)
     assert any("m" in str(w.message) for w in mine)
-
-
-def test_results_write_the_files_of_the_verbs(flown, diagnosed, tmp_path):
-    craft = ground.Model.load(MODEL)
-    compared = ground.compare([craft], flown)
-    path = compared.save(tmp_path / "compared", page=False)
-    assert json.load(open(path))["runs"][0]["bag"] == "run.bag"
-    with pytest.raises(ground.GroundError, match="exists"):
-        compared.save(tmp_path / "compared", page=False)
-    written = diagnosed.save(tmp_path / "diagnosed")
-    assert all(pathlib.Path(p).is_file() for p in written)
-    improved = ground.Model.load(tmp_path / "diagnosed" / "improved.yaml")
-    assert improved.effects == ("yaw_bias",)
-    assert "yaw_bias" in str(diagnosed) and "yaw_bias" in diagnosed._repr_html_()
 
 
 def test_the_notebook_runs_and_finds_the_hidden_effect(monkeypatch):

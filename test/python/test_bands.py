@@ -1,12 +1,11 @@
 """Prediction bands have the stated coverage on runs that the model was not fitted to."""
 
 import dataclasses
-import pathlib
-import sys
 
 import numpy as np
 import pytest
 
+import hidden_cases
 from conftest import slow
 from ground import _core
 from ground.analysis import bands, folds, window_error
@@ -16,11 +15,6 @@ from ground.diagnosing import words
 from ground.recordings import windows
 from ground.recordings.recording import POSE, VELOCITY
 from ground.reports import figures
-
-BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
-sys.path.insert(0, str(BENCH))
-
-import hidden_cases  # noqa: E402
 
 SEEDS = range(6)
 

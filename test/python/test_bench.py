@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from conftest import MODEL, ROOT, SHARED, identify
+from conftest import MODEL, ROOT, SHARED, identify, slow
 from ground import _core
 from ground.fitting import thrust_bench
 
@@ -368,23 +368,19 @@ def test_mass_and_inertia_follow_from_motion_with_the_bench(tmp_path):
     assert low < 0.7 < high  # what the wrong mass makes of the thrust
 
 
-@pytest.fixture(scope="module")
-def real(tmp_path_factory):
+@slow
+def test_the_real_bench_rejects_a_power_and_motion_tells_what_was_weighed(tmp_path):
     """The bench of the second craft, and its runs."""
     if not REAL_BENCH.is_file():
         pytest.skip("the real measurements of December 2019 are not beside the workspace")
-    out = tmp_path_factory.mktemp("bench") / "bench.yaml"
+    out = tmp_path / "bench.yaml"
     result = identify(
         *("bench", REAL_BENCH, "--inputs", 1000, 2000, "--unit", "g", "--thrusters", 2),
         *("--model", ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml", "-o", out, "--json"),
         *("--runs", REAL_BENCH.parent, "--mapping", ROOT / "cfg" / "mapping" / "four_thrusters.yaml"),
     )
     assert result.returncode == 0, result.stderr
-    return json.loads(result.stdout), _core.load_model(str(out))
-
-
-def test_the_real_bench_rejects_a_power(real):
-    report, model = real
+    report, model = json.loads(result.stdout), _core.load_model(str(out))
     assert report["curve"] == "polynomial"
     assert {"power", "proportional force"} <= {one["curve"] for one in report["rejected"]}
     assert report["residual"] < 1.1 * report["scatter"]
@@ -393,15 +389,7 @@ def test_the_real_bench_rejects_a_power(real):
     inputs[:, 0] = (measured[:, 0] - 1000) / 1000
     force = model.value("k") * model.forces(inputs)[:, 0]
     assert 2 * force / 9.80665e-3 == pytest.approx(measured[:, 1], abs=0.4)
-
-
-def test_motion_tells_less_thrust_than_the_real_bench(real):
-    report, _ = real
     low, high = report["motion"]["parameters"]["k"]["ci95"]
     assert 0.03 < low < high < report["parameters"]["k"]["ci95"][0]
-
-
-def test_mass_by_motion_is_what_was_weighed(real):
-    report, model = real
     low, high = report["mass"]["parameters"]["m"]["ci95"]
     assert low < 0.1763 < high and high - low < 0.03  # [kg]

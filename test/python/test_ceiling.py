@@ -13,11 +13,9 @@ from ground.analysis import (
     candidates,
     channels,
     dictionary,
-    folds,
     naming,
     samples,
     scalars,
-    screening,
     window_error,
 )
 from ground.analysis.agreement import agreement
@@ -141,24 +139,6 @@ def test_shares_sum_to_one(turning, pushed):
         shares = (left.named, left.learnable, left.chance)
         assert sum(share.value for share in shares) == pytest.approx(1)
         assert all(share.low <= share.value <= share.high <= 1 for share in shares)
-
-
-@pytest.mark.parametrize("most", [folds.MOST_SAMPLES, 600])
-def test_shares_of_a_formula_are_of_the_windows_that_were_compared(turning, most, monkeypatch):
-    """Also where these are parts of long runs, however many there are."""
-    monkeypatch.setattr(folds, "MOST_SAMPLES", most)
-    runs, _, (likelihood, fit, cut, _) = turning
-    entry = {"name": "compass", "expression": {"N": "a*sin(psi + 0.4)"}}
-    entry["parameters"] = {"a": {"value": SIZE, "unit": "N m", "neutral": 0.0}}
-    true = candidates.from_entry(entry, "compass.yaml", craft()).add(craft())
-    true.set_value("compass.a", SIZE)
-    left = ceiling(likelihood, fit, runs, cut, fit.model, bound=0.0)  # nothing is searched
-    assert left.learnable.value == 0
-    share = left.reached_by(true).learnable.value
-    stretches = folds.excerpt(likelihood, fit, runs, cut)[2:]
-    assert (stretches[0] is runs) == (most > 600)
-    errors = [squared_errors(*stretches, model).sum() for model in (fit.model, true)]
-    assert share == pytest.approx(1 - errors[1] / errors[0]) and share > 0.5
 
 
 def test_a_moment_by_heading_gets_its_name_and_size(turning):
@@ -358,24 +338,6 @@ def test_a_function_of_the_screen_is_a_formula_of_a_model_file():
         entry["parameters"] = {"w": {"value": 1.0, "unit": unit, "neutral": 0.0}}
         extended = candidates.from_entry(entry, "one.yaml", model).add(model)
         assert "one" in extended.effects, text
-
-
-def test_a_pair_of_the_screen_is_multiplied_by_its_best_product(turning, monkeypatch):
-    """Several searches may find a pair: how many it was chosen from is known of its best product."""
-    likelihood, fit, _, left = turning[2]
-    sampled = [samples.of_run(likelihood, fit, i) for i in range(3)]
-    asked = []
-
-    def best(self, model, draws, search):
-        """Finds one pair in the third search, a better one and a worse one that was chosen from more."""
-        asked.append(search.of)
-        found = [(9.0, 100), (3.0, 9000)] if len(asked) == 3 else []
-        product = dictionary.Feature(search.acting[0], [search.wide[0], search.narrow[1]])
-        return [(product, value, tried) for value, tried in found]
-
-    monkeypatch.setattr(screening.Screen, "_best", best)
-    screening.Screen(likelihood, fit.model, sampled).screened(left.found.regression)
-    assert asked == [1, 1, 1, 100]
 
 
 def exponents(unit):

@@ -217,13 +217,12 @@ def test_the_two_days_of_the_real_recordings(tmp_path, recordings):
     assert pooled["held_out"]["error"] > 2 * pooled["fit"]["error"]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_prediction_has_one_number_on_a_page(seed, tmp_path):
+def test_a_prediction_has_one_number_on_a_page(tmp_path):
     """The first lines, the bars and the table say the same of the same models on the same runs."""
     import ground
 
     craft = ground.Model.load(MODEL).with_effect("motor_lag", tau=0.05)
-    runs = [ground.simulate(craft, "prbs", duration=9, seed=10 * seed + s, name="run%d" % s) for s in (1, 2)]
+    runs = [ground.simulate(craft, "prbs", duration=9, seed=10 + s, name="run%d" % s) for s in (1, 2)]
     fitted = ground.fit(MODEL, runs, free=["k", "N_r"]).model
     found = ground.compare({"given": ground.Model.load(MODEL), "fitted": fitted}, runs)
     first = " ".join(str(found).split()).split("Next:")[0]

@@ -16,7 +16,7 @@ from ground.recordings.quality import RepairedRun
 from ground.support.errors import GroundError
 
 DATA = ROOT.parent / "shared" / "data"
-DRAWS = int(os.environ.get("GROUND_DRAWS", 12))
+DRAWS = int(os.environ.get("GROUND_DRAWS", 6))
 needs_data = pytest.mark.skipif(not SHARED.exists(), reason="needs the recordings in ../shared/data")
 TRUTH = {"m": 0.0583, "l": 0.0325, "I_z": 8.8e-5, "X_u": 0.0055, "Y_v": 0.0271, "N_r": 4.62e-5, "k": 0.062}
 START = {"k": 0.05, "I_z": 7e-5, "X_u": 0.004, "Y_v": 0.02, "N_r": 6e-5}

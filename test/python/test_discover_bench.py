@@ -1,27 +1,22 @@
 """The discovery bench: its craft in a control loop, its floor, and one short discovery."""
 
 import json
-import pathlib
 import sys
 
 import numpy as np
 import pytest
 
+import discover
+import discover_cases as cases
+import discover_floor
+import discover_lab
+import hidden_craft
+import hidden_score
 from conftest import slow
 from ground import _core
 from ground.discovery import analyst
 from ground.recordings.quality import repaired
 from ground.simulation import experiments
-
-BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
-sys.path.insert(0, str(BENCH))
-
-import discover  # noqa: E402
-import discover_cases as cases  # noqa: E402
-import discover_floor  # noqa: E402
-import discover_lab  # noqa: E402
-import hidden_craft  # noqa: E402
-import hidden_score  # noqa: E402
 
 ROOM = _core.load_room(discover.ROOM)
 

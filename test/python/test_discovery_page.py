@@ -11,7 +11,7 @@ import stories
 from browsing import assert_fits, assert_sound, open_page
 from conftest import ROOT
 from ground import _core
-from ground.discovery import figures, words
+from ground.discovery import figures
 from ground.discovery import page as discovery_page
 from ground.discovery import story as tale
 from ground.discovery.story import Story
@@ -46,15 +46,7 @@ def test_the_page_tells_the_whole_story(whole, browser):
         "first-order lag of the thrusters (motor_lag) and air that moves over the floor (wind). Confirmed",
         "4 flights, 55 of at most 180 s",
         "confirms it: 1.750 falls to 0.221.",
-        "The error on a rhodonea falls from 31.0 to 12.0 mm.",
-        "nothing needed - nothing is open that a flight could show",
-        "Tells motor_lag from input_delay.",
-        "Whether wind or floor_tilt acts.",
-        "After this flight: first-order lag of the thrusters (motor_lag), or dead time between command and "
-        "thrust",
-        "The newest model (after flight 1) predicted it; after 1 s it was off by 61 mm",
         "after flight 2 (in the controller)",
-        "wind.wx",
     ):
         assert part in text, part
 
@@ -107,15 +99,6 @@ def unfinished():
     return made
 
 
-def unconfirmed():
-    """The time of flight is over before the result was confirmed."""
-    made = stories.whole()
-    made.confirmation = made.tracking = None
-    made.sure, made.reason, made.needed = False, "180 s of flight are over", "flights of 60 s more"
-    made.findings = [dataclasses.replace(made.findings[0], verdict="unexplained")]
-    return made
-
-
 def long():
     """Twenty flights, most of which change nothing."""
     made = stories.whole()
@@ -134,21 +117,7 @@ def empty():
     return Story("", "", 180.0)
 
 
-SAYS = {
-    empty: ["No flight has been diagnosed yet.", "Nothing has been flown yet."],
-    planned: ["Now: chooses the first flight.", "Next: flight 1"],
-    stopped: ["Stopped early: no pose for 0.5 s.", "It was not recorded.", "looks at everything"],
-    unfinished: ["Missing, so far\nfirst-order lag", "not finite", "Now: diagnoses", "Next: flight 5"],
-    long: ["Open a flight to see it", "the newest of all"],
-    unconfirmed: [
-        "which none of the effects tried explains",
-        "Not confirmed by a flight of its own.",
-        "180 s of flight are over; needed: flights of 60 s more",
-    ],
-}
-
-
-@pytest.mark.parametrize("story", SAYS, ids=lambda story: story.__name__)
+@pytest.mark.parametrize("story", [empty, stopped, unfinished, long], ids=lambda story: story.__name__)
 def test_a_story_has_a_page_at_any_time(story, browser, as_wide_as, tmp_path):
     page = written(story(), tmp_path)
     for width in (400, 1200):
@@ -156,9 +125,6 @@ def test_a_story_has_a_page_at_any_time(story, browser, as_wide_as, tmp_path):
         names = open_page(browser, page)
         assert_fits(browser, width)
     assert_sound(browser, names)
-    text = text_of(browser)
-    for part in SAYS[story]:
-        assert part in text, part
 
 
 def test_missing_and_damaged_files_are_left_out(tmp_path):
@@ -201,28 +167,3 @@ def test_figures_are_those_that_plotly_knows():
     )
     for figure in (figures.errors(story), drawn):
         graph_objects.Figure(data=figure["data"], layout=figure["layout"])
-
-
-def test_the_teller_tells_each_step_once():
-    whole, told = stories.whole(), []
-    story = stories.begun()
-    teller = words.Teller(told.append)
-    teller(story)
-    assert told == []
-    story.planned = stories.flight(1, tale.LOOK)
-    for _ in range(2):
-        teller(story)
-    assert told == ["Flight 1 (look, 12 s): tells motor_lag from input_delay."]
-    story.planned, story.flights = None, whole.flights[:1]
-    teller(story)
-    assert told[1:] == [
-        "   Flown 11.8 s; predictions are off by: given 192 mm, 38 deg (the mocap alone: 21 mm, 4 deg)."
-    ]
-    story.findings = whole.findings[:1]
-    teller(story)
-    assert "motor_lag" in told[2] and told[3] == "   Open: Whether wind or floor_tilt acts."
-    del told[:]
-    for _ in range(2):
-        teller(whole)
-    assert sum("confirms it" in line for line in told) == 1
-    assert [line[:8] for line in told if line.startswith("Flight")] == ["Flight 2", "Flight 3", "Flight 4"]

@@ -135,36 +135,6 @@ def test_printed_commands_are_accepted(page):
     assert list(complaints(page)) == []
 
 
-def test_commands_are_found():
-    texts = [page.read_text() for page in PAGES]
-    programs = {words[0] for text in texts for words in command_lines(text, "rosrun ground")}
-    assert {"identify", "track", "tune", "plot", "parameters"} <= programs
-    files = {words[0] for text in texts for words in command_lines(text, "roslaunch ground")}
-    assert {"sim_prbs.launch", "room_prbs.launch", "own_stop.launch"} <= files
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "rosrun ground identify fit RUN.bag --model M.yaml --hold-out B.bag -o N.yaml",
-        "rosrun ground identify fitt RUN.bag --model M.yaml -o N.yaml",
-        "rosrun ground track --model M.yaml --controler ModelPredictive",
-        "rosrun ground parameters --show",
-        "roslaunch ground sim_prbs.launch recrod:=true",
-    ],
-)
-def test_misspelled_options_are_noticed(line, tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("Text.\n\n```sh\n%s    # a comment\n```\n" % line)
-    assert len(list(complaints(page))) == 1
-
-
-def test_a_misspelled_link_is_noticed(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("# A title\n\n[a](page.md#a-title) [b](page.md#title) [c](pages.md)\n")
-    assert list(broken_links(page)) == ["page.md#title", "pages.md"]
-
-
 def test_every_effect_has_its_equation():
     from ground import _core
 

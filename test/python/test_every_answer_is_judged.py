@@ -1,8 +1,6 @@
 """Every path to `missing`, to an effect that helps and to improved.yaml goes through the one judge: where it
 vetoes, nothing is found, and where it is not asked, nothing can be."""
 
-import ast
-from pathlib import Path
 from unittest import mock
 
 import pytest
@@ -13,7 +11,6 @@ from ground.analysis import judge
 from test_simulation_search import LIFT, grown, runs_of
 
 VETO = judge.Comparison("worse", -1.0, 0.1, 1.0, 0.1)
-PACKAGE = Path(ground.analysis.__file__).parents[1]
 PLACES = ("ground.analysis.judge.compared", "ground.analysis.diagnosis.compared")
 
 
@@ -29,7 +26,7 @@ def flown(**hidden):
     true = given
     for name, effect in hidden.items():
         true = true + (effect if isinstance(effect, ground.Effect) else ground.Effect(name, **effect))
-    runs = [ground.simulate(true, seed=seed, duration=12, name="run%d" % seed) for seed in (1, 2)]
+    runs = [ground.simulate(true, seed=seed, duration=8, name="run%d" % seed) for seed in (1, 2)]
     return given, runs
 
 
@@ -60,18 +57,3 @@ def test_an_added_effect_is_judged(vetoed):
     given, runs = flown(motor_lag={"tau": 0.06})
     added = ground.add(given, "motor_lag", runs)
     assert added.error["heldout"].change < 0 and not added.verdict.helps
-
-
-def test_nothing_else_decides():
-    """Only the module that asks the judge changes which effects a diagnosis has."""
-    for path in PACKAGE.rglob("*.py"):
-        tree = ast.parse(path.read_text())
-        inside = path.relative_to(PACKAGE).as_posix()
-        stored = {
-            target.attr
-            for node in ast.walk(tree)
-            if isinstance(node, ast.Assign)
-            for target in ast.walk(ast.Tuple(elts=list(node.targets), ctx=ast.Store()))
-            if isinstance(target, ast.Attribute)
-        }
-        assert inside == "analysis/diagnosis.py" or "chosen" not in stored, inside

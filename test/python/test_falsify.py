@@ -1,17 +1,11 @@
 """A short search for a flight that leaves the room; `make falsify` is the whole of it."""
 
-import pathlib
-import sys
-
 import numpy as np
 import pytest
 
+import falsify
 from conftest import MODEL, ROOT
 from ground import _core
-
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
-
-import falsify
 
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
 

@@ -7,11 +7,10 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from conftest import MODEL, write_bag
+from conftest import MODEL, with_effect, write_bag
 from ground import _core
 from ground.recordings import quality, readers
 from ground.reports import (
-    appearance,
     figures,
     inspection,
     page,
@@ -19,7 +18,6 @@ from ground.reports import (
     wrench_figures,
 )
 from ground.simulation import gains, tracking
-from test_diagnose import with_effect
 
 FOUND = {
     "seconds": 1.0,
@@ -30,7 +28,6 @@ FOUND = {
     "mocap": {"position_mm": 3.0, "heading_deg": 0.5},
     "disturbed": None,
 }
-QUANTILES = {"p05": 0.01, "median": 0.02, "p95": 0.05}
 
 
 @pytest.fixture(scope="module")
@@ -90,13 +87,6 @@ def test_quantities_have_units(drawn, name):
     for text in filter(None, titles + [e for e in entries if e not in NOT_QUANTITIES]):
         assert re.search(r"\[[^\]]+\]", text), text
     assert any(titles) or any(part.get("ticksuffix", "").strip() for part in axes)
-
-
-def test_the_same_model_has_the_same_colour_everywhere(studies, drawn):
-    wanted = {s["label"]: appearance.model_color(i) for i, s in enumerate(studies)}
-    for name in ("motion", "residual_correlation", "wrench_over_time"):
-        lines = [t for t in drawn[name]["data"] if t.get("name") in wanted]
-        assert lines and all(t["line"]["color"] == wanted[t["name"]] for t in lines)
 
 
 def test_figures_make_a_page(drawn, tmp_path):

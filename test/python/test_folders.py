@@ -3,7 +3,6 @@
 import ast
 import collections
 import re
-import xml.etree.ElementTree
 
 from conftest import ROOT
 
@@ -77,25 +76,3 @@ def test_cpp_files_do_not_include_each_other():
     files = dict(cpp_includes())
     assert len(files) > 50
     assert (circles(files), circles(folders(files, "/"))) == ([], [])
-
-
-def test_the_picture_has_every_folder_above_those_that_it_takes_from():
-    tree = xml.etree.ElementTree.parse(str(ROOT / "docs" / "architecture.svg"))
-    boxes = {
-        box.get("id"): box.get("transform")
-        for box in tree.iter()
-        if box.get("id", "").startswith("src/ground/")
-    }
-    heights = {name: float(place.split()[1].rstrip(")")) for name, place in boxes.items()}
-    for files, separator, place in (
-        (python_imports(), ".", "src/ground/python/ground/"),
-        (cpp_includes(), "/", "src/ground/src/"),
-    ):
-        arrows = folders(dict(files), separator)
-        names = {name: place + name for name in arrows}
-        names.update({name: place + name + ".py" for name in arrows if not (ROOT / place / name).is_dir()})
-        shown = {name: heights.pop(path) for name, path in names.items() if path in heights}
-        assert set(names) - set(shown) <= {"palette.h", "text_width.h", "programs"}
-        upwards = [(a, b) for a in shown for b in arrows[a] & set(shown) if shown[a] >= shown[b]]
-        assert not upwards
-    assert not heights, "folders that do not exist"

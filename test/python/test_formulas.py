@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from conftest import MODEL, ROOT, simulate_run
+from conftest import MODEL, ROOT, run_data
 from ground import _core
 from ground.analysis import comparison
 from ground.fitting import thrust_bench, thrust_curve
-from ground.recordings import repair
 from ground.simulation.designs import designs
-from ground.support.errors import GroundError
 
 
 def model():
@@ -18,22 +16,6 @@ def model():
 
 def four():
     return _core.load_model(str(ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml"))
-
-
-def run_data(truth=None, duration=12.0, seed=1, noise=1.0, lost=()):
-    times, eta, inputs = simulate_run(duration=duration, seed=seed, noise=noise)
-    if truth is not None:
-        random = np.random.default_rng(seed)
-        eta = _core.simulate(truth, inputs, times, np.zeros(3), np.zeros(3))["eta"]
-        eta = eta + noise * random.normal(0, [3e-4, 3e-4, 5e-3], eta.shape)
-    eta[:, 2] = np.unwrap(eta[:, 2])
-    kept = np.ones(len(times), bool)
-    for begin, end in lost:
-        kept &= (times < begin) | (times > end)
-    times, eta = times[kept], eta[kept]
-    found = repair.smooth(times, eta, (3e-4, 5e-3), _core.RunScales())
-    levels = np.array([3e-4, 3e-4, 5e-3])
-    return _core.RunData("run", times, found["eta"], found["nu"], inputs, eta, levels)
 
 
 # --- experiments
@@ -52,7 +34,7 @@ def test_a_design_plays_the_levels_that_it_names():
 
 
 def test_no_prediction_spans_a_gap():
-    run = run_data(duration=6.0, lost=[(2.5, 3.0)])
+    run = run_data(duration=6.0, kept=np.r_[:250, 300:600])
     found = comparison.evaluate(run, model())
     rows = {row["seconds"]: len(row["errors"]) for row in found.horizons}
     assert rows[4.0] == 0  # no stretch is so long
@@ -84,16 +66,6 @@ def test_a_curve_that_is_measured_exactly_is_found(fit, force):
     assert np.allclose(scaled.force(INPUTS), 5 * force(INPUTS), atol=1e-5)
 
 
-def test_curves_that_fall_or_have_too_few_inputs_are_none():
-    falls = WORKING * (INPUTS - 0.8 * INPUTS**2)
-    assert thrust_curve.polynomial(2)(INPUTS, WORKING, falls) is None
-    for degree in (1, 2, 3):
-        few = np.linspace(0.2, 1, degree + 1)
-        assert thrust_curve.polynomial(degree)(few, np.ones(degree + 1), few) is None
-        more = np.linspace(0.2, 1, degree + 2)
-        assert thrust_curve.polynomial(degree)(more, np.ones(degree + 2), more) is not None
-
-
 def bench(gains, force, noise=0.0, levels=11, repeat=2, seed=1):
     random = np.random.default_rng(seed)
     rows = []
@@ -118,25 +90,6 @@ def test_gains_of_thrusters_have_the_mean_1():
     assert one.p_value is None
     for name, (low, high) in found.intervals.items():
         assert low < found.values[name] < high and high - low < 0.02
-
-
-def test_a_table_is_read_in_newtons_and_shares_of_the_input(tmp_path):
-    path = tmp_path / "bench.csv"
-    path.write_text("pwm,left,left+right,left_2\n1000,0,0,0\n1500,10,20,12\n\n2000,30,60,34\n")
-    found = thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 0.01)
-    assert found.inputs.tolist() == [0, 0, 0, 0.5, 0.5, 0.5, 1, 1, 1]
-    assert found.forces == pytest.approx([0, 0, 0, 0.1, 0.2, 0.12, 0.3, 0.6, 0.34])
-    assert found.together.tolist()[:3] == [[1, 0], [1, 1], [1, 0]]
-    assert found.repetition.tolist() == [0, 0, 1] * 3
-    counted = thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, ["1"])
-    assert counted.together.tolist()[0] == [0.5, 0.5] and counted.repetition.tolist() == [0, 1, 2] * 3
-    named = thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, ["right"])
-    assert named.together.tolist()[0] == [0, 1]
-    with pytest.raises(GroundError, match="line 2: input 1000 is not between 0 and 1: give"):
-        thrust_bench.read(str(path), ["left", "right"])
-    for wrong in (["3"], ["0"], ["front"]):
-        with pytest.raises(GroundError, match="no thruster is called %s" % wrong[0]):
-            thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, wrong)
 
 
 # --- formulas of what has no name

@@ -67,6 +67,7 @@ def test_what_each_thruster_does_is_told(described):
         assert abs(one["right"]) < 0.3 * abs(one["forward"])
 
 
+@slow
 def test_the_loggers_names_and_heading_are_seen_to_be_wrong(described, tmp_path):
     """The rigid body looks backwards, and the logger's left thrusters are on the right."""
     logged = mapping_as_logged(tmp_path)

@@ -8,10 +8,9 @@ import shlex
 import pytest
 
 import ground
-from conftest import MODEL, identify, program, write_bag
+from conftest import MODEL, identify, program, with_effect, write_bag
 from ground.diagnosing import answer
 from ground.support.headline import formatted
-from test_diagnose import with_effect
 
 ERROR = r"(\d+(\.\d+)? (mm|m), \d+(\.\d+)? deg|not finite)"
 PREDICTION = r"Prediction after [\d.]+ s: +%s -> %s \(the mocap alone: %s" % (ERROR, ERROR, ERROR)
@@ -50,16 +49,22 @@ def without_units(text):
     return re.findall(r"(?<![\w.])\d[\d.]*(?![\w.]| ?(?:ms|mm|m|deg|s)\b|%| to )", prose)
 
 
-def test_a_diagnosis(bags, tmp_path):
-    options = ["--model", MODEL, "--only", "motor_lag", "input_delay", "-o", tmp_path / "out"]
-    found = said_by("diagnose", *bags, *options)
+@pytest.fixture(scope="module")
+def diagnosed(bags, tmp_path_factory):
+    """What a diagnosis of a craft with a lag prints, and its folder."""
+    out = tmp_path_factory.mktemp("diagnosed") / "out"
+    options = ["--model", MODEL, "--only", "motor_lag", "input_delay", "-o", out]
+    return said_by("diagnose", *bags, *options), out
+
+
+def test_a_diagnosis(diagnosed):
+    found, out = diagnosed
     assert list(found)[:3] == ["Missing", "Prediction after 1 s", "Model with it"]
     assert re.search(r"motor_lag - .* tau \d+\.\d+ ms \(95%: [\d.]+ to [\d.]+ ms\)", found["Missing"])
-    assert found["Missing"].endswith("Very certain.")
     text = found["Prediction after 1 s"]
     assert re.match(PREDICTION, text) and "without the effect, refitted" in text
-    assert found["Model with it"].split()[-1] == str(tmp_path / "out" / "improved.yaml")
-    assert found["Details"].split()[-1] == str(tmp_path / "out" / "report.html")
+    assert found["Model with it"].split()[-1] == str(out / "improved.yaml")
+    assert found["Details"].split()[-1] == str(out / "report.html")
     assert not without_units(found["Missing"] + text), found
 
 
@@ -100,14 +105,17 @@ def test_a_controller(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def report(bags, tmp_path_factory):
-    """diagnosis.json of a craft with a lag."""
-    out = tmp_path_factory.mktemp("diagnosed") / "out"
-    options = ["--model", MODEL, "--only", "motor_lag", "input_delay", "-o", out]
-    assert identify("diagnose", *bags, *options).returncode == 0
-    found = json.loads((out / "diagnosis.json").read_text())
+def report(diagnosed):
+    """The diagnosis.json of a craft with a lag."""
+    found = json.loads((diagnosed[1] / "diagnosis.json").read_text())
     found.pop("selection", None)  # as if all effects had been tried
     return found
+
+
+@pytest.fixture(scope="module")
+def unexplained(bags):
+    """A diagnosis of that craft in Python that tries no lag."""
+    return ground.diagnose(MODEL, ground.read(bags), only=["wind"])
 
 
 def changed(report, verdict, **changes):
@@ -132,76 +140,42 @@ COMMON = {
     "high": 0.2,
     "stands_out": False,
 }  # of runs with the same commands
-SAME = {"pairs": 1, "share": 0.7, "low": 0.6, "high": 0.8, "stands_out": True}
 VERDICTS = {
-    "nothing": ("complete", dict(improved=NOTHING, steps=[]), ["nothing - "], "nothing needed"),
-    "differences": (
-        "varies",
-        dict(
-            improved=NOTHING,
-            steps=[],
-            varies=[{"parameter": "yaw moment", "unit": "N m", "deviation": 9e-5, "by_run": [0, 0]}],
-        ),
-        ["no effect, but the yaw moment differs between runs"],
-        "find what changed between the runs",
-    ),
-    "no name": (
-        "unexplained",
-        dict(ceiling=OPEN),
-        ["motor_lag - ", "no name in the library"],
-        "record more runs",
-    ),
+    "nothing": ("complete", dict(improved=NOTHING, steps=[]), "nothing needed"),
+    "no name": ("unexplained", dict(ceiling=OPEN), "record more runs"),
     "undecided": (
         "undecided",
         dict(improved=NOTHING, steps=[], ceiling={"terms": [], "bound": 0.4}),
-        ["cannot be decided, because"],
-        "record more and longer runs",
-    ),
-    "misleading": (
-        "undecided",
-        dict(improved=NOTHING, steps=[], dropped=[{"effect": "wind", "why": "it misleads", "change": None}]),
-        ["cannot be decided, because", "wind", "it misleads"],
         "record more and longer runs",
     ),
     "pushed": (
         "complete",
         dict(improved=NOTHING, steps=[], matters={"position_mm": 1e-6}, agreement={"common": None}),
-        ["nothing that these runs show", "a random push or"],
         "the same commands twice",
     ),
     "pushed by chance": (
         "complete",
         dict(improved=NOTHING, steps=[], matters={"position_mm": 1e-6}, agreement={"common": COMMON}),
-        ["nothing that these runs show", "a random push: runs with the same commands"],
         "nothing needed",
     ),
     "swinging": (
         "undecided",
         dict(improved=NOTHING, steps=[], agreement={"holds": False, "frequency": 0.7}),
-        ["cannot be decided, because", "0.7 Hz"],
         "switch off what swings",
     ),
-    "the same again": (
-        "undecided",
-        dict(improved=NOTHING, steps=[], agreement={"holds": False, "common": SAME}),
-        ["cannot be decided, because", "have 70% (60% to 80%)", "in common"],
-        "record more and longer runs",
-    ),
-    "misread": ("misread", dict(improved=NOTHING, steps=[]), ["not searched"], "correct the mapping"),
+    "misread": ("misread", dict(improved=NOTHING, steps=[]), "correct the mapping"),
 }
 
 
 @pytest.mark.parametrize("name", VERDICTS)
-def test_every_verdict_has_its_answer_and_what_to_do(report, name):
-    verdict, changes, answers, advice = VERDICTS[name]
+def test_every_verdict_says_what_to_do(report, name):
+    verdict, changes, advice = VERDICTS[name]
     found = changed(report, verdict, next_experiment=None, **changes)
     lines = answer.lines(found, "out")
     labels = [label for label, _ in lines if label]
     assert labels[0] == "Missing" and labels[-2:] == ["Next", "Details"]
     assert ("Prediction after 1 s" in labels) == (verdict != "misread")
-    text = " ".join("\n".join(formatted(lines)).split())
-    for part in [*answers, advice]:
-        assert part in text, part
+    assert advice in " ".join("\n".join(formatted(lines)).split())
     assert all(len(line) <= 100 for line in formatted(lines) if not line.startswith("    r"))
 
 
@@ -243,7 +217,7 @@ SHELL = r"rosrun|roslaunch|identify \w|(?<!\w)--\w"  # what does not run in Pyth
 CALL = r"ground\.(\w+)\("
 
 
-def test_results_in_python_name_functions_of_python(bags, report):
+def test_results_in_python_name_functions_of_python(bags, report, unexplained):
     """What a result prints can be typed where it is printed; a terminal gets command lines."""
     runs = ground.read(bags)
     fit = ground.fit(MODEL, runs, free=["k", "N_r"])
@@ -254,7 +228,7 @@ def test_results_in_python_name_functions_of_python(bags, report):
         "comparison": compared.summary(),
         "addition": ground.add(MODEL, "wind", flown).summary(),
         "tracking": ground.track(MODEL, "circle", end_time=12, settled=8, max_error=0.001).summary(),
-        "diagnosis": ground.diagnose(MODEL, runs, only=["wind"]).summary(),
+        "diagnosis": unexplained.summary(),
     }
     group = copy.deepcopy(report)
     group["steps"][0]["group"] = ["motor_lag", "input_delay"]
@@ -272,8 +246,8 @@ def test_results_in_python_name_functions_of_python(bags, report):
         assert re.search(CALL, texts[name]), texts[name]
 
 
-def test_a_proposal_can_be_added_in_python(bags, monkeypatch):
-    found = ground.diagnose(MODEL, bags, only=["wind"])
+def test_a_proposal_can_be_added_in_python(bags, unexplained):
+    found = unexplained
     assert found.verdict in ("unexplained", "memory"), "a lag is none of the effects that were tried"
     added = ground.add(found.improved, found.proposal, bags)
     assert added.verdict.helps and found.proposal.name in added.model.effects
@@ -305,10 +279,10 @@ def test_which_side_is_weak_is_said(a, side, tmp_path):
     """Model 8% too strong on one side: its thrusters push 8% less there."""
     craft = ground.Model.load(MODEL).with_effect("thrust_asymmetry", a=-a)
     runs = [ground.simulate(craft, "prbs", duration=10, seed=s) for s in (1, 2)]
-    for found in (
-        ground.diagnose(MODEL, runs, only=["thrust_asymmetry"]),
-        ground.add(MODEL, "thrust_asymmetry", runs),
-    ):
+    results = [ground.add(MODEL, "thrust_asymmetry", runs)]
+    if side == "left":
+        results.append(ground.diagnose(MODEL, runs, only=["thrust_asymmetry"]))
+    for found in results:
         text = " ".join(str(found).split())
         assert re.findall(r"(left|right) side pushes \S+ less", text) == [side], text
 

@@ -1,19 +1,13 @@
 """Crafts on water: what a diagnosis tries, and that it finds a hidden current and cross-flow."""
 
-import sys
-
 import numpy as np
 import pytest
 
 import ground
-from conftest import ROOT
+import ship
 from ground import _core
 from ground.analysis import candidates
-from ground.reports import words
 from ground.support import errors
-
-sys.path.insert(0, str(ROOT / "test" / "bench"))
-import ship
 
 BOAT = """
 schema: ground/model/1
@@ -109,16 +103,6 @@ def test_a_boat_without_a_hull_is_told_to_have_one():
     ashore = ground.Model.parse(BOAT.replace("  hull: {length: 1.2}\n", ""))
     with pytest.warns(ground.GroundWarning, match="hull: {length: METRES}"):
         ground.diagnose(ashore, recorded(ashore, 1), only=["surge_resistance"])
-
-
-def test_a_tilt_is_told_as_a_direction_in_the_room():
-    told = words.direction("floor_tilt", {"sx": -3e-4, "sy": 3e-4}, {"sx": 1e-5, "sy": 1e-5})
-    assert told.startswith("it descends by 0.024 deg towards 135 deg (95%: 2.6 deg either way")
-    ahead = words.direction("wind", {"wx": 1.6, "wy": -1e-5}, {"wx": 1e-3, "wy": 1e-3})
-    assert "towards 0 deg" in ahead
-    unknown = words.direction("current", {"wx": 0.01, "wy": 0.0}, {"wx": 0.1, "wy": 0.1})
-    assert unknown == "it flows at 0.01 m/s in a direction that these runs do not show"
-    assert words.direction("motor_lag", {"tau": 0.1}, {"tau": 0.01}) == ""
 
 
 def test_a_verb_says_a_warning_once(capsys):

@@ -1,21 +1,18 @@
 """The craft's own gyro and accelerometer: read, calibrated against the poses, and in the likelihood."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, identify, slow
+import hidden_cases
+from conftest import MODEL, identify, slow
 from ground.analysis.likelihood import Likelihood
 from ground.recordings import inertial, quality, readers
 from ground.recordings.inertial import Samples
 from ground.recordings.recording import Recording
 from ground.support.errors import GroundError
-
-sys.path.insert(0, str(ROOT / "test/bench"))
-import hidden_cases
 
 FREE = ("I_z", "X_u", "Y_v", "N_r", "k")
 

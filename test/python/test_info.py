@@ -7,7 +7,6 @@ import pytest
 
 from conftest import MODEL, identify, simulate_run, write_bag
 from ground import _core
-from ground.recordings import frame_clock
 from ground.recordings.recording import Recording
 
 
@@ -134,8 +133,7 @@ def test_defects_are_found(tmp_path):
         assert words in text
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.parametrize("rate", [120.0, 180.0])
+@pytest.mark.parametrize("seed, rate", [(1, 120.0), (2, 180.0)])
 def test_the_frame_clock_of_a_poll_is_rebuilt(seed, rate):
     random = np.random.default_rng(seed)
     times, eta, nu, inputs = frames(rate, seed=seed)
@@ -153,22 +151,6 @@ def test_the_frame_clock_of_a_poll_is_rebuilt(seed, rate):
     plain = _core.EstimatorParams()
     stamped = _core.smooth(polled(times, np.random.default_rng(seed)), eta, plain)["nu"]
     assert (error < 0.5 * np.sqrt(np.mean((stamped - nu) ** 2, axis=0))).all()
-
-
-@pytest.mark.parametrize("seed", [4, 5])
-def test_a_likelier_rate_that_makes_the_motion_rough_leaves_the_clock_as_it_was(seed, monkeypatch):
-    random = np.random.default_rng(seed)
-    times, eta, _, inputs = frames(seed=seed)
-    kept = random.random(len(times)) > 0.05
-    stamps = polled(times[kept], random)
-
-    def uneven(stamps, *_):
-        return float(stamps[0]), 110.0, 2 * (np.arange(len(stamps)) // 2)
-
-    monkeypatch.setattr(frame_clock, "AGREE", 0.0)  # the rate is looked for in any case
-    monkeypatch.setattr(frame_clock, "_by_rates", uneven)
-    motion = recorded(stamps, eta[kept], inputs).motion
-    assert motion.clock and motion.clock.rate == pytest.approx(120.0, rel=3e-4)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -285,13 +267,12 @@ def alarms(path):
 FAST = ("prbs", "spin", "coast-down", "multilevel-prbs")  # inputs that end while the craft moves
 
 
-@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("craft", ["hovercraft/tiny_whoover", "hovercraft/mvwt", "craft/air_table"])
-def test_a_sound_simulation_that_ends_on_the_floor_has_no_alarm(craft, seed, tmp_path):
+def test_a_sound_simulation_that_ends_on_the_floor_has_no_alarm(craft, tmp_path):
     model = MODEL.parents[1] / (craft + ".yaml")
     for kind in FAST:
         bag = tmp_path / (kind + ".bag")
-        options = ("--input", kind, "--seed", seed, "--duration", 10)
+        options = ("--input", kind, "--seed", 1, "--duration", 10)
         assert identify("simulate", "--model", model, *options, "-o", bag).returncode == 0
         assert alarms(bag) == [], kind
 

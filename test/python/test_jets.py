@@ -1,13 +1,13 @@
 """Crafts that list their thrusters: an air-bearing table with eight jets."""
 
 import os
-import sys
 
 import numpy as np
 import pytest
 
 import conftest
 import ground
+import jets
 from ground import _core
 from ground.analysis import candidates, window_error
 from ground.recordings import commands, mapping, quality, readers, recording
@@ -15,8 +15,6 @@ from ground.simulation import tracking
 from ground.support.errors import GroundError
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-sys.path.insert(0, os.path.join(ROOT, "test", "bench"))
-import jets  # noqa: E402
 
 TABLE = os.path.join(ROOT, "cfg", "craft", "air_table.yaml")
 PAIR = os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover.yaml")

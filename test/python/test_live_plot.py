@@ -123,18 +123,6 @@ def test_a_smoothed_line_shows_what_noise_hides():
     assert left[0] < 0.35 * left[1]
 
 
-def test_the_window_says_what_it_waits_for(window):
-    assert told(window) == [
-        "controller no message yet on controller/status",
-        "sender no message yet on sender/status",
-        "",
-        "Waiting for messages on state, model_error, controls.",
-    ]
-    drive(window.feed, 1000, 1, ["state"])
-    window.redraw()
-    assert told(window)[3] == "Waiting for messages on model_error, controls."
-
-
 def test_diagrams_have_curves_units_and_the_names_of_models(window):
     drive(window.feed, 1000, 10, list(live_feed.TOPICS))
     window.redraw()
@@ -168,6 +156,11 @@ def test_predictions_are_off_in_millimetres_and_degrees_beside_the_noise(window)
     assert "no excitation" in told(window)[2]
 
 
+def test_a_model_that_fails_is_named_with_the_time():
+    error = ModelError(model="mine", failure="does not predict yaw since 1.0 s")
+    assert live_plot.off_in_words(error).startswith("mine does not predict yaw since 1.0 s: ")
+
+
 def test_a_pause_keeps_the_curves_and_the_cursor_shows_their_values(window):
     drive(window.feed, 1000, 10)
     window.redraw()
@@ -184,13 +177,6 @@ def test_a_pause_keeps_the_curves_and_the_cursor_shows_their_values(window):
     assert "noise alone 3 " in title and title.endswith("tiny_whoover 56")
     QTest.keyClick(window, live_plot.QtCore.Qt.Key_Space)
     assert curves(window, "prediction off in position")[0][0][0] < kept[0][0][0]
-
-
-def test_the_window_is_not_larger_than_the_screen(application, monkeypatch):
-    screen = application.primaryScreen().availableGeometry()
-    monkeypatch.setattr(live_plot.QtGui.QGuiApplication, "platformName", lambda: "xcb")
-    window = live_plot.LivePlot(live_feed.Feed(DURATION))
-    assert window.width() <= screen.width() and window.height() <= screen.height()
 
 
 def test_no_line_is_drawn_across_a_gap_or_an_invalid_state(window):

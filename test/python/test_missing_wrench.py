@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from conftest import MODEL, simulate_run
+from conftest import MODEL, run_data, simulate_run
 from ground import _core
 from ground.analysis import missing_wrench, residuals
 from ground.recordings import repair
@@ -11,22 +11,6 @@ from ground.recordings import repair
 
 def model():
     return _core.load_model(str(MODEL))
-
-
-def run_data(duration=8.0, truth=None, noise=1.0, seed=1, keep=slice(None), nu=(0, 0, 0)):
-    """The repaired run of a simulated craft."""
-    times, eta, inputs = simulate_run(duration=duration, noise=noise, seed=seed, nu=nu)
-    if truth is not None:
-        found = _core.simulate(truth, inputs, times, np.zeros(3), np.array(nu, float))
-        random = np.random.default_rng(seed)
-        eta = found["eta"] + noise * random.normal(0, [3e-4, 3e-4, 5e-3], eta.shape)
-    eta[:, 2] = np.unwrap(eta[:, 2])
-    times, eta = times[keep], eta[keep]
-    levels = 3e-4, 5e-3
-    smoothed = repair.smooth(times, eta, levels, _core.RunScales())
-    return _core.RunData(
-        "run", times, smoothed["eta"], smoothed["nu"], inputs, eta, np.array([3e-4, 3e-4, 5e-3])
-    )
 
 
 def pushed(force):

@@ -2,19 +2,17 @@
 
 import pathlib
 import subprocess
-import sys
 
 import numpy as np
 import pytest
 
+import hidden_cases
+import hidden_craft
+import mujoco_bench
+import mujoco_cases
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BENCH = ROOT / "test" / "bench"
-sys.path.insert(0, str(BENCH))
-
-import hidden_cases  # noqa: E402
-import hidden_craft  # noqa: E402
-import mujoco_bench  # noqa: E402
-import mujoco_cases  # noqa: E402
 
 PYTHON = ROOT / "build" / "peers" / "bin" / "python"
 

@@ -1,5 +1,6 @@
 """Craft of other sizes, speeds and sensors are judged as a palm-sized hovercraft in one room is."""
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,10 +56,17 @@ CRAFT = {
     "boat with GNSS": Craft(body(40, 0.2, 12, 30, 60, 6, 30), 5, (0.5, 5e-3), 6, 900),
 }
 every = pytest.mark.parametrize("name", CRAFT)
+few = pytest.mark.parametrize("name", ["palm-sized", "ship", "boat with GNSS"])
 
 
 def recording(craft, times, eta, rows, **more):
     return Recording("run", times, eta, rows[:, 0], rows[:, 1:], "made up", **more)
+
+
+@functools.lru_cache(maxsize=None)
+def sound(name):
+    """A recording of a craft."""
+    return recording(CRAFT[name], *CRAFT[name].recorded())
 
 
 def described(run):
@@ -67,8 +75,7 @@ def described(run):
 
 @every
 def test_sound_recordings_are_read_alike(name):
-    craft = CRAFT[name]
-    run = recording(craft, *craft.recorded())
+    craft, run = CRAFT[name], sound(name)
     found = quality.repaired(run)
     assert found.motion.noise == pytest.approx(craft.noise, rel=0.15)
     assert found.reply is not None and not found.contacts and not suspicions.of(run)
@@ -81,7 +88,7 @@ def test_the_window_of_the_error_follows_the_craft(name):
     craft = CRAFT[name]
     usual = windows.usual(craft.model())
     assert usual == {"palm-sized": 1.5, "free-flyer": 30, "ship": 75}.get(name, 15)
-    data = quality.repaired(recording(craft, *craft.recorded())).data(craft.model())
+    data = quality.repaired(sound(name)).data(craft.model())
     cut = windows.cut([data])
     assert windows.length([data]) == usual
     assert len(cut) == pytest.approx(craft.duration / usual, abs=2)
@@ -89,8 +96,7 @@ def test_the_window_of_the_error_follows_the_craft(name):
 
 @every
 def test_parameters_are_found(name):
-    craft = CRAFT[name]
-    run = recording(craft, *craft.recorded())
+    craft, run = CRAFT[name], sound(name)
     other = craft.model()
     other.set_value("k", 0.8 * craft.body["k"])
     fitted = ground.fit(ground.Model(other), run, free=["k", "I_z"])
@@ -139,7 +145,7 @@ def test_the_order_of_precise_poses_rebuilds_the_clock_of_a_slow_craft(seed):
     assert run.motion.noise == pytest.approx(craft.noise, rel=0.15)
 
 
-@every
+@few
 def test_frozen_poses_are_left_out_and_named(name):
     craft = CRAFT[name]
     times, eta, rows = craft.recorded()
@@ -150,7 +156,7 @@ def test_frozen_poses_are_left_out_and_named(name):
     assert any("repeated while thrusters act" in line for line in findings.findings(described(run)))
 
 
-@every
+@few
 def test_a_pause_of_a_publisher_with_a_rate_is_left_out_and_named(name):
     craft = CRAFT[name]
     times, eta, rows = craft.recorded()
@@ -167,7 +173,7 @@ def test_a_pause_of_a_publisher_with_a_rate_is_left_out_and_named(name):
     assert not [s for s in quality.repaired(on_change).silent if craft.held > s[1] - s[0]]
 
 
-@every
+@few
 def test_commands_of_another_run_are_noticed(name):
     craft = CRAFT[name]
     times, eta, _ = craft.recorded(1)

@@ -11,27 +11,6 @@ from ground import _core
 
 PACKAGES = [ROOT / "src" / name / "package.xml" for name in ("ground", "ground_msgs")]
 CHANGES = ROOT / "CHANGELOG.md"
-# Keys in package.xml of Debian packages, where they are not the name without lib, python3 and dev.
-KEYS = {
-    "googletest": "gtest",
-    "libdynamic-reconfigure-config-init-mutex-dev": "dynamic_reconfigure",
-    "libeigen3-dev": "eigen",
-    "libnodeletlib-dev": "nodelet",
-    "libnodeletlib-tools": "nodelet",
-    "libros-rosgraph-msgs-dev": "rosgraph_msgs",
-    "protobuf-compiler": "protobuf",
-}
-# Debian packages on which no package of the workspace depends.
-TOOLS = {
-    # for builds and for work by hand
-    *("cmake", "g++", "make", "ninja-build", "git", "catkin-tools", "ros-core", "ros-core-dev"),
-    *("python3-pip", "python3-venv"),
-    # /etc/protocols, which only a bare system lacks
-    "netbase",
-    # for screenshots, pages and the example of docs/howto/plot.md that tests check
-    *("xvfb", "xauth", "imagemagick", "libgl1-mesa-dri", "chromium", "chromium-driver"),
-    "python3-matplotlib",
-}
 
 
 def dependencies(end="depend"):
@@ -41,22 +20,6 @@ def dependencies(end="depend"):
             if element.tag.endswith(end):
                 found.add(element.text)
     return found
-
-
-def keys_of(package):
-    """Possible keys in package.xml for a Debian package."""
-    bare = re.sub(r"^(lib|python3-)|(-dev)$", "", package)
-    return {package, KEYS.get(package), bare, bare.replace("-", "_")}
-
-
-def test_package_xml_has_what_debian_needs():
-    lines = (ROOT / ".ci" / "debian-packages.txt").read_text().splitlines()
-    packages = [line for line in lines if line and not line.startswith("#")]
-    known = dependencies()
-    missing = [p for p in packages if p not in TOOLS and not keys_of(p) & known]
-    assert missing == [], "neither in a package.xml nor in TOOLS"
-    assert TOOLS <= set(packages) and set(KEYS) <= set(packages)
-    assert {key for p in packages for key in keys_of(p)} >= {"boost", "python3-cmaes", "benchmark"}
 
 
 def _public_links():
@@ -82,6 +45,12 @@ def test_a_library_gives_its_users_all_that_its_headers_need():
         needed = set(re.findall(r'#include "ground/(\w+)/', header.read_text())) - {"parameters"}
         missing = needed - given.get(header.parent.name, {header.parent.name})
         assert not missing, "%s needs %s" % (header.relative_to(folder), ", ".join(sorted(missing)))
+
+
+def test_no_file_includes_a_private_header_of_another_library():
+    files = [path for path in (ROOT / "src/ground").rglob("*") if path.suffix in (".h", ".cpp")]
+    assert len(files) > 100
+    assert not [path for path in files if re.search(r'#include "[^"]*\.\./', path.read_text())]
 
 
 def test_core_nodelets_and_bindings_are_compiled_for_one_processor():

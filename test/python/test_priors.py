@@ -1,15 +1,17 @@
 """What a user knows of parameters before a fit."""
 
+import os
+
 import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL
+from conftest import MODEL, slow
 from ground import _core
 from ground.diagnosing import words
 
 KNOWN = {"hull_lift.yv": 0.3, "hull_lift.yr": 0.3, "hull_lift.nv": 0.3, "hull_lift.nr": 0.3}  # shares
-SEEDS = range(12)
+SEEDS = range(12 if os.environ.get("SLOW") else 4)
 
 
 def boat():
@@ -65,6 +67,7 @@ def test_values_known_beforehand_make_a_fit_better_than_either_alone(guess):
     assert inside.mean() >= 0.85, inside
 
 
+@slow
 def test_a_band_contains_what_was_known(guess):
     """A circle that the runs hardly tell of, by boats drawn from what is known."""
     inside = []
@@ -131,7 +134,7 @@ def test_a_share_of_nothing_is_refused(guess):
 def test_an_inertia_that_runs_do_not_bound_has_no_upper_end():
     """A boat that goes straight on does not say how large its inertia may be."""
     ends = []
-    for seed in range(8):
+    for seed in range(4):
         straight = recorded(boat(), seed, 20.0, turn=1e-5)
         ends.append(ground.fit(boat(), straight, free=["I_z", "k"]).parameters["I_z"].ci95[1])
     assert np.inf in ends

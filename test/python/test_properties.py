@@ -3,20 +3,10 @@
 import numpy as np
 import pytest
 
-from conftest import simulate_run
 from ground import _core
-from ground.analysis import formula_words, thinning
+from ground.analysis import thinning
 from ground.fitting import identifiability
-from ground.recordings import scatter, tracks, windows
-
-
-def run_data(duration=6.0, keep=None):
-    times, eta, inputs = simulate_run(duration=duration)
-    eta[:, 2] = np.unwrap(eta[:, 2])
-    nu = np.gradient(eta, times, axis=0)
-    kept = np.ones(len(times), bool) if keep is None else keep(times)
-    return _core.RunData("run", times[kept], eta[kept], nu[kept], inputs)
-
+from ground.recordings import scatter, tracks
 
 # --- tracking
 
@@ -41,42 +31,7 @@ def test_a_track_counts_what_is_after_its_settling():
     assert late["compute_ms"]["median"] == pytest.approx(50.5)
 
 
-def test_saturation_depends_on_the_bounds_of_the_craft():
-    pair = np.array([[0.0, 0.5], [0.2, 1.0], [0.2, 0.8]])
-    assert tracks.saturated(pair).tolist() == [True, True, False]
-    backwards = np.array([[0.0, 0.5], [-0.2, 0.8], [-1.0, 0.5]])
-    assert tracks.saturated(backwards).tolist() == [False, False, True]
-    three = np.array([[0.0, 0.5, 0.5], [0.5, 0.5, -1.0], [0.5, 1.0, 0.5]])
-    assert tracks.saturated(three).tolist() == [False, True, True]
-
-
-# --- numbers in words
-
-
-@pytest.mark.parametrize("value, half", [(-1e-4, 0.3), (-0.2, 0.3), (-1e-9, 2.0), (-0.3, 5.0)])
-def test_a_rounded_number_is_not_a_negative_zero(value, half):
-    told = formula_words.with_interval(value, value - half, value + half, "-")
-    numbers = [
-        float(word.strip("(:)")) for word in told.split() if word.strip("(:)-").replace(".", "").isdigit()
-    ]
-    assert len(numbers) == 3 and not any(x == 0 and np.signbit(x) for x in numbers), told
-
-
 # --- windows and thinning
-
-
-def test_windows_share_their_ends_and_spread_keeps_every_run():
-    run = run_data()
-    found = windows.cut([run], 1.5)
-    assert len(found) == 4 and all(a.last == b.first for a, b in zip(found, found[1:]))
-    both = windows.cut([run, run_data(3.0)], 0.5)
-    few = windows.spread(both, 6)
-    assert {w.run for w in few} == {0, 1} and 5 <= len(few) <= 7
-    assert [w.first for w in few] == sorted(w.first for w in few if w.run == 0) + sorted(
-        w.first for w in few if w.run == 1
-    )
-    assert len(windows.spread(both, len(both))) == len(both)
-    assert len({w.run for w in windows.spread(both, 1)}) == 2
 
 
 def test_thinning_averages_neighbours_and_never_across_a_gap():
@@ -117,21 +72,6 @@ def test_slow_craft_are_thinned_as_far_as_the_noise_hides_the_error_of_means(acc
         assert np.abs(np.array(thin.eta)[:, 0] - exact).max() < 0.21 * noise[0]
     assert (step < 0.02) == (acceleration == 2.0) and (step > 0.15) == (acceleration == 0.002)
     assert thinning.thinned(thin) is thin
-
-
-@pytest.mark.parametrize("begin", [0.0, 0.1, 1.7e9], ids=["0", "0.1", "since_1970"])
-@pytest.mark.parametrize(
-    "rate,count",
-    [(200, 4), (199, 4), (240, 4), (260, 5), (100, 2), (120, 2), (145, 2), (97, 1), (50, 1), (30, 1)],
-)
-def test_a_rate_is_thinned_the_same_however_its_steps_are_rounded(rate, count, begin):
-    times = begin + np.arange(24 * count) / rate
-    eta = np.column_stack([times - begin] * 3)
-    run = _core.RunData("run", times, eta, eta, np.array([[begin, 0.5, 0.5, 1.0]]))
-    thin = np.array(thinning.thinned(run).times)
-    assert len(thin) == 24 and np.allclose(thin - begin, times.reshape(24, count).mean(axis=1) - begin)
-    alone = _core.RunData("run", times[:1], eta[:1], eta[:1], np.array([[begin, 0.5, 0.5, 1.0]]))
-    assert len(thinning.thinned(alone).times) == 1
 
 
 # --- poses

@@ -1,12 +1,7 @@
 """Rates of p-values and coverage of intervals, by few draws: `make bench-rates` takes more."""
 
-import sys
-
 import pytest
 
-from conftest import ROOT
-
-sys.path.insert(0, str(ROOT / "test" / "bench"))
 import rates
 
 FEW = 80

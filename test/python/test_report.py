@@ -6,9 +6,8 @@ import resource
 import pytest
 
 from browsing import assert_fits, assert_sound, open_page
-from conftest import MODEL, identify, write_bag
+from conftest import MODEL, identify, with_effect, write_bag
 from ground import cli
-from test_diagnose import with_effect
 
 TRUTH = "{name: motor_lag, tau: 0.06}"
 
@@ -74,19 +73,7 @@ def test_the_page_of_a_diagnosis(diagnosed, browser):
     assert_sound(browser, names)
     text = browser.find_element("tag name", "body").text
     assert "motor_lag - first-order lag of the thrusters" in text
-    for part in (
-        "Evidence",
-        "Data quality",
-        "How it was made",
-        "identify diagnose",
-        "digest",
-        "Eigen",
-        "input_delay",
-        "seeds",
-        "recorded",
-        "of a simulated clock; error: refitted",
-        "(held out)",
-    ):
+    for part in ("Evidence", "Data quality", "How it was made", "identify diagnose", "digest", "(held out)"):
         assert part in text, part
     bars, lines = browser.execute_script(
         "const f = document.getElementById('figure0');return [f.data[0].x, f.layout.shapes.map(s => s.x0)]"

@@ -1,10 +1,7 @@
 """Results of a script: figures one by one, files that are read again, copies in other processes."""
 
-import dataclasses
-import inspect
 import json
 import pickle
-import re
 
 import numpy as np
 import pandas
@@ -179,30 +176,6 @@ def test_runs_are_worked_on_in_parallel(craft, runs):
     found = joblib.Parallel(2)(joblib.delayed(ground.fit)(craft, run, free=["k"]) for run in runs)
     alone = [ground.fit(craft, run, free=["k"]) for run in runs]
     assert [one.model for one in found] == [one.model for one in alone]
-
-
-def test_two_fitted_models_are_compared_and_labelled(craft, runs):
-    fits = [ground.fit(craft, run, free=["k"]).model for run in runs]
-    assert len(ground.compare(fits, runs).to_frame()) == 4
-    found = ground.compare({"a": fits[0], "b": fits[1]}, runs)
-    assert set(found.models) == {"a", "b"} and found.best in "ab"
-    with pytest.raises(ground.GroundError, match="given twice"):
-        ground.compare([craft, ground.Model.parse(craft.format())], runs)
-
-
-def described(kind):
-    """Fields of a public dataclass that hold plain dictionaries, and whether a comment says what is in
-    them."""
-    lines = inspect.getsource(kind).splitlines()
-    for number, line in enumerate(lines):
-        field = re.match(r"    (\w+): .*\b(Dict|Mapping|Document)\b", line)
-        if field:
-            yield field.group(1), "#:" in line or "#:" in lines[number - 1]
-
-
-@pytest.mark.parametrize("name", [n for n in ground.__all__ if dataclasses.is_dataclass(getattr(ground, n))])
-def test_no_dictionary_of_a_public_class_is_undescribed(name):
-    assert [field for field, is_described in described(getattr(ground, name)) if not is_described] == []
 
 
 def test_the_documents_of_results_have_described_keys(diagnosed):

@@ -1,14 +1,10 @@
 """The search for effects under a random disturbance, on crafts of the hidden-effect bench."""
 
 import functools
-import sys
 
-import numpy as np
 import pytest
 
-from conftest import ROOT, slow
-
-sys.path.insert(0, str(ROOT / "test" / "bench"))
+from conftest import slow
 
 
 @functools.lru_cache(maxsize=None)
@@ -30,9 +26,8 @@ def names(found):
     return sorted(c.name for c in found.chosen)
 
 
-@pytest.mark.parametrize("seed", [1, 4])
-def test_a_random_wrench_is_not_taken_for_an_effect(seed):
-    case, found, conclusion = diagnosed("disturbed_null", seed)
+def test_a_random_wrench_is_not_taken_for_an_effect():
+    case, found, conclusion = diagnosed("disturbed_null", 4)
     assert names(found) == []
     assert conclusion.verdict in ("complete", "varies", "undecided")
     full = 2 * case.body["k"]
@@ -78,9 +73,7 @@ def test_a_trim_of_the_runs_held_out_does_not_refuse_an_effect(seed):
     [
         ("trim", 1, ["yaw moment"]),
         ("trim", 5, ["side force"]),  # the disturbance of some runs is slow
-        ("trim", 6, ["thrust"]),
-        ("disturbed_null", 1, []),  # slow in all runs
-        ("disturbed_null", 6, []),
+        ("disturbed_null", 6, []),  # slow in all runs
     ],
 )
 def test_differences_between_runs_are_distinguished_from_a_slow_disturbance(kind, seed, expected):
@@ -122,39 +115,3 @@ def test_memory_that_has_a_name_is_named(seed, kind, name):
     case, found, conclusion = diagnosed("history", seed)
     assert list(case.effects) == [kind] and names(found) == [name]
     assert conclusion.verdict == "missing"
-
-
-def test_thinning_keeps_the_information_of_the_poses():
-    from ground import _core
-    from ground.analysis.thinning import thinned
-
-    random = np.random.default_rng(5)
-    times = np.arange(0, 2, 1 / 240)
-    times = times[(times < 1.0) | (times > 1.2)]
-    noise = np.array([1e-4, 1e-4, 1e-3])
-    poses = np.column_stack([times, np.sin(times), times]) + noise * random.normal(size=(len(times), 3))
-    inputs = np.array([[0.0, 0.5, 0.5, 1.0]])
-    run = _core.RunData("run", times, poses, 0 * poses, inputs, poses, noise)
-    thin = thinned(run)
-    assert len(thin.times) == pytest.approx(len(times) / 4, abs=2)
-    assert max(np.diff(thin.times)) > 0.2  # no mean across the gap
-    rest = np.array(thin.poses) - np.column_stack([thin.times, np.sin(thin.times), thin.times])
-    assert rest.std(axis=0) == pytest.approx(np.array(thin.noise), rel=0.2)
-    assert np.array(thin.noise) == pytest.approx(noise / 2)
-    assert thinned(thin) is thin
-
-
-def test_two_lags_have_to_earn_their_place_beside_one():
-    from unittest import mock
-
-    from ground import _core
-    from ground.analysis import candidates
-    from ground.analysis.search import Search
-
-    model = _core.load_model(str(ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"))
-    by_name = {c.name: c for c in candidates.library(model)}
-    search = Search(mock.Mock(), model, by_name)
-    assert search.threshold("motor_rise_fall") == 2 * search.threshold("motor_lag")
-    del by_name["motor_lag"]
-    alone = Search(mock.Mock(), model, by_name)
-    assert alone.threshold("motor_rise_fall") == alone.threshold("wind")  # of two parameters

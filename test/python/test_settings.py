@@ -152,10 +152,7 @@ def test_runs_with_different_settings_are_named(tmp_path, verb):
         for name, offset, seed in (("a", 0.0, 1), ("b", 0.0, 2), ("c", OFFSET, 3))
     ]
     err = verb("info", *bags)[1]
-    assert err == (
-        "note: the runs were recorded with different settings: heading_offset 0.0 for a, b; "
-        "heading_offset 0.5 for c\n"
-    )
+    assert "heading_offset 0.0 for a, b; heading_offset 0.5 for c" in err and err.count("\n") == 1
     assert "different settings" not in verb("info", *bags[:2])[1]
     fit = ["fit", *bags[:2], "--model", MODEL, "-o", tmp_path / "fit.yaml"]
     assert verb(*fit, "--holdout", bags[2])[1].count("different settings") == 1
@@ -239,10 +236,9 @@ def test_files_differ_by_their_contents(tmp_path, verb, lab):
     room.write_text((lab / "other.yaml").read_text().replace("margin: 0.2", "margin: 0.3"))
     model.write_text(model.read_text().replace("m: 0.0583", "m: 0.0601"))
     bags.append(tracking_bag(verb, lab, tmp_path / "d.bag", "--seed", 4))
-    assert verb("info", *bags)[1] == (
-        "note: the runs were recorded with different settings: model craft.yaml for a, b, c; model "
-        "craft.yaml for d; room room.yaml for a, b, c; room room.yaml for d\n"
-    )
+    said = verb("info", *bags)[1]
+    for file in ("model craft.yaml", "room room.yaml"):
+        assert "%s for a, b, c; %s for d" % (file, file) in said
 
 
 def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):

@@ -8,7 +8,6 @@ import pytest
 
 from conftest import schema
 from ground.analysis import candidates, diagnosis, judge, window_error
-from ground.analysis.simulation_search import SimulationSearch
 from ground.analysis.verdict import conclude
 from ground.data.measured import measured
 from ground.diagnosing import answer, document
@@ -64,17 +63,6 @@ def test_an_effect_that_the_likelihood_refused_and_it_finds_is_not_refused():
     assert "hull_lift" in [dropped.trial.name for dropped in found.dropped] and not found.names
     assert found.grow_by_simulation("") and sorted(found.names) == ["hull_lift"]
     assert not found.names & {dropped.trial.name for dropped in found.dropped}
-
-
-@pytest.mark.parametrize("beside, expected", [(False, "motor_lag"), (True, "motor_rise_fall")])
-def test_an_effect_that_contains_another_has_to_help_beside_it(beside, expected):
-    names = {"": 3.0, "motor_lag": 2.0, "motor_rise_fall": 1.9}
-    tried = [c for c in candidates.library(boat().core) if c.name in names]
-    search = SimulationSearch(mock.Mock(), boat().core, tried, mock.Mock(), mock.Mock())
-    search.fits = {frozenset(filter(None, [n])): mock.Mock(heldout=np.array([e])) for n, e in names.items()}
-    helps = lambda larger, smaller: beside or not smaller  # noqa: E731
-    with mock.patch.multiple(search, _error=lambda base, name: 1.0, _finite=lambda names: True, _helps=helps):
-        assert search._next([]) == expected
 
 
 def test_its_shares_and_floors_are_those_of_the_model_that_it_gives(found):

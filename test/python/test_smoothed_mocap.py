@@ -1,6 +1,7 @@
 """Poses that a mocap's software smoothed are recognised, named and read as they were before."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,9 +9,11 @@ from scipy import signal
 
 import ground
 from conftest import MODEL, ROOT, identify
+from ground.data import measured
 from ground.recordings import low_pass, smoothed, suspicions
 from ground.recordings.low_pass import LowPass
 from ground.recordings.recording import Recording
+from ground.support.progress import Work
 
 CASE = ROOT.parent / "shared" / "data" / "cases_2" / "poses_filtered"
 LEVER = 0.06  # between markers, by which noise of positions is that of headings [m]
@@ -175,3 +178,21 @@ def test_no_false_effect_is_found_in_it_and_the_craft_is_right(case):
     assert set(found.effects) <= {"input_delay", "motor_lag"}
     for name, value in (("k", 0.062), ("I_z", 8.8e-5)):
         assert found.improved.core.value(name) == pytest.approx(value, rel=0.05)
+
+
+def test_a_mocap_smooths_all_recordings_or_none():
+    """One without commands, which tells no low-pass, is taken as the others are; one that seems to be
+    smoothed by chance is not, where the others say no."""
+    smooth = butterworth(5.0, 100.0, False)
+    runs = [with_poses(flown(20 + i, 100.0, 4e-4), smooth, "run %d" % i) for i in range(3)]
+    last = with_poses(flown(30, 100.0, 4e-4), smooth)
+    still = Recording.from_arrays(
+        last.pose_times, last.eta, 0 * last.controls, last.control_times, name="still"
+    )
+    assert still.motion.low_pass is None
+    found = measured.repaired([*runs, still], Work())
+    corners = [run.motion.low_pass.corner for run in found]
+    assert corners == pytest.approx([5.0] * 4, rel=0.1)
+    sound = [with_poses(flown(40 + i, 100.0, 4e-4), lambda poses: poses, "sound %d" % i) for i in range(4)]
+    sound[0].known["motion"] = sound[0].as_before(replace(found[0].motion.low_pass, corner=20.0))
+    assert [run.motion.low_pass for run in measured.repaired(sound, Work())] == [None] * 4

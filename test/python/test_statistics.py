@@ -4,22 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from conftest import MODEL, simulate_run
+from conftest import MODEL, run_data
 from ground import _core
 from ground.analysis import evidence, window_error
-from ground.recordings import repair
 
 
 def model():
     return _core.load_model(str(MODEL))
-
-
-def run_data(duration=6.0, seed=1, noise=1.0):
-    times, eta, inputs = simulate_run(duration=duration, seed=seed, noise=noise)
-    eta[:, 2] = np.unwrap(eta[:, 2])
-    level = np.array([3e-4, 3e-4, 5e-3])
-    nu = repair.smooth(times, eta, (level[0], level[2]), _core.RunScales())["nu"]
-    return _core.RunData("run%d" % seed, times, eta, nu, inputs, eta, level)
 
 
 # --- effects on trial

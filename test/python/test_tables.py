@@ -68,9 +68,6 @@ def test_help_contains_the_tables(verb):
         assert info.text in " ".join(result.stdout.split())
     for parameter in controller("ModelPredictive"):
         assert parameter.text in " ".join(result.stdout.split())
-    assert "k_e                Position error [kg/s], 1e-06 to 100 (4) *" in result.stdout
-    assert "x 0, y 0, size 1.5, petals 1.5, rate_of_turn 0.4" in result.stdout
-    assert "x 0, y 0, end_x 2.5, end_y 2.5, speed 0.707, smooth false" in result.stdout
 
 
 @pytest.mark.parametrize("kind", CONTROLLERS)

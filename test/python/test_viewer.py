@@ -187,22 +187,6 @@ def test_without_the_library_a_sentence_says_what_to_install(run, tmp_path):
                     ground.to_mcap(run, tmp_path / "run.mcap")
 
 
-UNITS = {
-    "off_mm": 1e3,
-    "age_ms": 1e3,
-    "X_mN": 1e3,
-    "N_sigma_mNm": 1e3,
-    "r_deg_s": math.degrees(1),
-    "heading_noise_deg": math.degrees(1),
-}
-UNITS.update(dict.fromkeys(["x_m", "u_m_s", "left", "elapsed_s"], 1))
-
-
-@pytest.mark.parametrize("field, unit", UNITS.items())
-def test_the_name_of_a_field_says_its_unit(field, unit):
-    assert channels.factor(field) == pytest.approx(unit)
-
-
 def test_layouts_show_only_channels_that_there_are():
     known = {topic + "." + f for topic, kind in channels.KINDS.items() for f in (*kind.numbers, *kind.texts)}
     known |= {"%s.%s" % (topic, name) for topic in channels.COMMANDS for name in ("left", "right", "lift")}
@@ -286,7 +270,7 @@ def test_texts_of_any_kind_are_shown_as_texts():
         controls = stamped(
             msgs.Controls, 3, channels=["7<b>", "ö", "7<b>"], thrusters=[0.1, 0.2, 0.3], lift=1.0
         )
-        error = stamped(msgs.ModelError, 3, model=HOSTILE, horizon=1.0, excited=True)
+        error = stamped(msgs.ModelError, 3, model=HOSTILE, failure=HOSTILE, horizon=1.0, excited=True)
         sent = [("sender/status", status), ("discovery/status", beliefs)]
         sent += [
             ("controls", controls),
@@ -338,6 +322,24 @@ def test_numbers_that_are_not_finite_reach_the_viewer_and_stop_nothing():
         assert all(math.isnan(m.u_m_s) for m in shown.messages("/state", 20))
         (frame,) = [f for f in shown.messages("/tf")[-1].transforms if f.child_frame_id == "hovercraft"]
         assert frame.translation.x == 0.5 and shown.messages("/scene/craft")
+
+
+def test_a_model_that_fails_is_said_once_with_the_next_step():
+    msgs = ros_messages()
+    from ground.nodes.live_viewer import LiveViewer
+
+    with Shown() as shown:
+        viewer = LiveViewer(shown.view, lambda: None)
+        shown.view.say(0, "test", "makes the channel")
+        shown.subscribed("/log")
+        words = ["", "does not predict yaw since 1.0 s", "does not predict yaw since 1.0 s", ""]
+        for i, failure in enumerate(words):
+            error = stamped(
+                msgs.ModelError, 3 + i, model="mine", horizon=1.0, failure=failure, next="diagnose"
+            )
+            viewer.take("model_error", error)
+        said = [m.message for m in shown.messages("/log", 2) if m.name == "mine"]
+    assert said == ["does not predict yaw since 1.0 s; next: diagnose", "predicts the motion again"]
 
 
 def test_time_that_jumps_back_begins_a_new_view():

@@ -134,6 +134,6 @@ def test_the_whole_wheel_configures_without_catkin(tmp_path):
     source = ROOT / "src" / "ground" / "python"
     run("cmake", "-S", source, "-B", build, "-G", "Ninja", *options)
     names = run("cmake", "--build", build, "--target", "help")
-    libraries = ("model", "estimation", "control", "simulation", "identification", "core")
+    libraries = ("model", "estimation", "safety", "control", "simulation", "identification", "core")
     assert all("ground_%s: phony" % library in names for library in libraries)
     assert "ground_link" not in names and "ground_nodelets" not in names

@@ -56,6 +56,10 @@ class CraftSensorsTest(unittest.TestCase):
         error = np.sqrt(np.square(off).mean(axis=1))
         print("rms errors of u, v [m/s], r [rad/s]: %s" % np.round(error, 4))
         self.assertGreater(len(seen), 50 * WATCHED)
+        late = [m for _, m in list(self.state.all) if m.header.stamp.to_sec() > begin]
+        sensed = [m for m in late if m.inertial_variance[2] > 0]
+        self.assertGreater(len(sensed), 0.9 * len(late))
+        self.assertLess(max(m.inertial_span for m in sensed), 0.1)
         self.assertLess(error[2], YAW_RATE)
         self.assertLess(np.hypot(*error[:2]), 2**0.5 * SPEED)
 

@@ -48,11 +48,13 @@ class StatePublisher:
     def __init__(self):
         self.state = State()
         self.state.valid = True
+        self.state.pose_covariance = (2.5e-7, 0, 0, 0, 2.5e-7, 0, 0, 0, 2.5e-5)
         self._publisher = rospy.Publisher("state", State, queue_size=1, tcp_nodelay=True)
         self._repeater = Repeater(100, self._publish)
 
     def _publish(self):
         self.state.header.stamp = rospy.Time.now()
+        self.state.pose = self.state.eta
         self._publisher.publish(self.state)
 
     def stop(self):

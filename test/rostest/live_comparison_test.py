@@ -148,7 +148,7 @@ class LiveComparisonTest(unittest.TestCase):
         self.assertAlmostEqual(last.horizon, 1.0, delta=0.03)
         measured = by_stamp[last.header.stamp]
         for i in range(2):
-            self.assertAlmostEqual(last.eta[i] + last.eta_error[i], measured.eta[i], places=9)
+            self.assertAlmostEqual(last.eta[i] + last.eta_error[i], measured.pose[i], places=9)
         return by_stamp
 
     def check_missing_force(self, by_stamp):

@@ -57,6 +57,7 @@ class MocapStateTest(unittest.TestCase):
         self.assertIn("no pose", self.state.message.status)
         count = len(self.state.all)
         harness.wait_for(lambda: len(self.state.all) >= count + 3, 1, "repeated invalid states")
+        self.assertEqual(tuple(self.state.message.pose_covariance), (0,) * 9, "it has no new pose")
 
     def test_states_have_the_stamps_of_poses_and_velocities_in_the_body_frame(self):
         start = self.play(1.0)
@@ -73,6 +74,10 @@ class MocapStateTest(unittest.TestCase):
             self.assertAlmostEqual(m.nu[0], 0.5 * math.cos(t), 1)
             self.assertAlmostEqual(m.nu[1], -0.5 * math.sin(t), 1)
             self.assertAlmostEqual(m.nu[2], 1.0, 1)
+            self.assertAlmostEqual(m.pose[0], 0.5 * t, 6)
+            self.assertAlmostEqual(m.pose[2], t, 6)
+            self.assertGreaterEqual(m.pose_covariance[0], 0.99 * 5e-4**2)
+            self.assertEqual(tuple(m.inertial_variance), (0, 0, 0))
         self.assertEqual(self.state.message.header.frame_id, "world_ned")
 
     def test_odometry_and_tf_agree_and_the_world_is_z_up(self):

@@ -1,5 +1,5 @@
 // Threads of a controller, as a user and a recorder would call them at once, for ThreadSanitizer
-// (.ci/sanitize): drives begin and turn home while parameters change. It needs a ROS master, and takes a
+// (.ci/sanitize): drives begin while parameters change. It needs a ROS master, and takes a
 // model and a room.
 #include <dynamic_reconfigure/Reconfigure.h>
 #include <ground/TrajectoryTrackingConfig.h>
@@ -7,7 +7,6 @@
 #include <ground_msgs/State.h>
 #include <nodelet/loader.h>
 #include <ros/ros.h>
-#include <std_msgs/Empty.h>
 #include <std_srvs/Trigger.h>
 
 #include <atomic>
@@ -21,20 +20,10 @@ namespace {
 
 constexpr int kDrives = 100;
 
-class HomingController : public ground::ReferenceTracking<ground::TrajectoryTrackingConfig> {
+class RacingController : public ground::ReferenceTracking<ground::TrajectoryTrackingConfig> {
  public:
-  HomingController() : ReferenceTracking("TrajectoryTracking") {}
-  ~HomingController() override {
-    subscriber_ = ros::Subscriber();  // before the thread of its callbacks
-    shutdown();
-  }
-
- private:
-  void loaded(const ground::Model&, const std::string&) override {
-    subscriber_ = changes().handle(topics()).subscribe<std_msgs::Empty>(
-        "home", 10, [this](const auto&) { goHome("it is called"); });
-  }
-  ros::Subscriber subscriber_;
+  RacingController() : ReferenceTracking("TrajectoryTracking") {}
+  ~RacingController() override { shutdown(); }
 };
 
 }  // namespace
@@ -51,10 +40,10 @@ int main(int argc, char** argv) {
   ros::AsyncSpinner spinner(1);
   spinner.start();
   const boost::function<boost::shared_ptr<nodelet::Nodelet>(const std::string&)> make = [](const auto&) {
-    return boost::make_shared<HomingController>();
+    return boost::make_shared<RacingController>();
   };
   nodelet::Loader loader(make);
-  if (!loader.load("/controller", "HomingController", {}, {})) return 2;
+  if (!loader.load("/controller", "RacingController", {}, {})) return 2;
   std::atomic<bool> running{true};
   std::atomic<int> status{-1};
   const ros::Subscriber statuses = node.subscribe<ground_msgs::ControllerStatus>(
@@ -77,7 +66,6 @@ int main(int argc, char** argv) {
       ros::service::call("controller/set_parameters", change);
     }
   });
-  ros::Publisher home = node.advertise<std_msgs::Empty>("home", 1);
   int driven = 0;
   for (int i = 0; i < kDrives; ++i) {
     std_srvs::Trigger trigger;
@@ -85,7 +73,6 @@ int main(int argc, char** argv) {
     for (int wait = 0; wait < 500 && status != ground_msgs::ControllerStatus::RUNNING; ++wait)
       ros::WallDuration(0.01).sleep();
     driven += status == ground_msgs::ControllerStatus::RUNNING;
-    home.publish(std_msgs::Empty());
     ros::WallDuration(0.05).sleep();
     ros::service::call("controller/stop", trigger);
   }

@@ -10,11 +10,16 @@ import dynamic_reconfigure.client
 import rospy
 import rostest
 from fake_craft import STATE, encode_state, is_zero
-from ground_msgs.msg import SenderStatus, Telemetry
+from ground_msgs.msg import Controls, SenderStatus, Telemetry
 from sender_rig import DRIVE, ZERO, SenderTest, refusal, wait_for
 
 SHARE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 ROOM = os.path.join(SHARE, "cfg", "room", "room_4x4.yaml")
+MODEL = os.path.join(SHARE, "cfg", "hovercraft", "tiny_whoover.yaml")
+
+
+def inputs(message):
+    return message.left, message.right, message.lift
 
 
 class SenderLink(SenderTest):
@@ -80,6 +85,43 @@ class SenderLink(SenderTest):
         self.assertIn("0.20 m outside of the room", self.arm().message)
         self.feed.set(eta=(1.9, 0.0, 0.0))
         wait_for(lambda: self.arm().success, "arming inside")
+
+    def test_the_fence_counts_the_thrust_that_its_model_gives(self):
+        """Full thrust takes a craft that stands 2 cm from a wall into it, or away from it."""
+        full = (1.0, 1.0, 1.0)
+        self.start(room=ROOM, model=MODEL, obedience_timeout=0)
+        craft = self.craft()
+        self.feed.set(eta=(1.98, 0.0, math.pi))
+        self.arm_and_drive(craft, full)
+        time.sleep(0.2)
+        self.assertEqual(self.status.state, SenderStatus.ARMED)
+        start = time.time()
+        self.feed.set(eta=(1.98, 0.0, 0.0))
+        self.assert_zero_within_limit(craft, start, "thrust into a wall")
+        self.assert_fault("outside of the room if it were stopped later")
+
+    def test_what_leaves_for_the_craft_is_published(self):
+        """A command that is not obeyed does not appear on `sent`, however often it comes."""
+        sent = []
+        rospy.Subscriber("sent", Controls, sent.append, queue_size=100, tcp_nodelay=True)
+        self.start(recovery_time=1.0)
+        craft = self.craft()
+        self.feed.set(command=DRIVE)
+        wait_for(lambda: len(sent) > 20, "commands of a sender that is not armed")
+        self.assertEqual({inputs(message) for message in sent}, {ZERO})
+        self.arm_and_drive(craft)
+        wait_for(lambda: inputs(sent[-1]) == DRIVE, "a command that is obeyed")
+        self.feed.set(valid=False)
+        wait_for(lambda: inputs(sent[-1]) == (0.0, 0.0, 1.0), "the lift alone while the state is lost")
+        self.feed.set(valid=True)
+        wait_for(lambda: inputs(sent[-1]) == DRIVE, "thrust with the state")
+        self.assertTrue(self.arm(False).success)
+        count = len(sent)
+        wait_for(lambda: len(sent) > count + 20, "commands after disarming")
+        self.assertEqual({inputs(message) for message in sent[count + 2 :]}, {ZERO})
+        stamps = [message.header.stamp.to_sec() for message in sent]
+        self.assertEqual(stamps, sorted(stamps))
+        self.assertLess(max(b - a for a, b in zip(stamps, stamps[1:])), 0.1)
 
     def test_a_craft_that_glides_unseen_is_stopped_in_the_room(self):
         """While the state is lost the lift stays on, the thrust does not, and the room still counts."""

@@ -12,16 +12,12 @@
 
 namespace {
 
-class ThrowingController : private ground::Pilot, public ground::Controller {
+class ThrowingPilot : public ground::Pilot {
  public:
-  ThrowingController() : Controller(static_cast<ground::Pilot&>(*this)) {}
-  ~ThrowingController() override { shutdown(); }
-
- private:
-  void load(ros::NodeHandle&) override {
+  ground::LifecycleParams load(ros::NodeHandle&) {
     ground::LifecycleParams params;
     params.lift_time = 0.2;
-    setParams(params);
+    return params;
   }
   ground::Inputs update(double elapsed, double, const ground::RigidState<double>&, double lift) override {
     const std::vector<double> thrust(300, 0.3);  // for 3 s, a row every 10 ms
@@ -36,7 +32,7 @@ int main(int argc, char** argv) {
   ros::NodeHandle node;
   pluginlib::ClassLoader<nodelet::Nodelet> plugins("nodelet", "nodelet::Nodelet");
   nodelet::Loader loader([&](const std::string& kind) -> boost::shared_ptr<nodelet::Nodelet> {
-    if (kind == "ThrowingController") return boost::make_shared<ThrowingController>();
+    if (kind == "ThrowingController") return boost::make_shared<ground::ControllerOf<ThrowingPilot>>();
     return plugins.createInstance(kind);
   });
   if (!loader.load("/sender", "ground/Sender", {}, {})) return 1;

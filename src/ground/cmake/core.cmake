@@ -47,7 +47,7 @@ endfunction()
 set(ground_core_options -fno-math-errno)  # no code reads errno after a square root
 
 ground_library(model)
-# The effects are many small files: their headers take most of the time to compile.
+# The headers of effects take most of the time to compile.
 file(GLOB sources CONFIGURE_DEPENDS ${ground_source_dir}/src/model/*.cpp)
 set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
 set_target_properties(ground_model PROPERTIES UNITY_BUILD ON)
@@ -68,8 +68,11 @@ target_link_libraries(ground_model PRIVATE yaml-cpp ${MUPARSER_LIBRARY} ${CMAKE_
 ground_library(estimation)
 target_link_libraries(ground_estimation PUBLIC ground_model)
 
+ground_library(safety)
+target_link_libraries(ground_safety PUBLIC ground_model PRIVATE yaml-cpp)
+
 ground_library(control)
-target_link_libraries(ground_control PUBLIC ground_model ground_estimation PRIVATE yaml-cpp)
+target_link_libraries(ground_control PUBLIC ground_model ground_estimation ground_safety PRIVATE yaml-cpp)
 
 ground_library(simulation)
 target_link_libraries(ground_simulation PUBLIC ground_model ground_control ground_estimation)

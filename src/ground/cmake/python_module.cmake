@@ -13,5 +13,5 @@ target_compile_options(ground_core PRIVATE ${ground_warnings} ${ground_shell_opt
   -Wno-maybe-uninitialized)
 target_compile_definitions(ground_core PRIVATE GROUND_VERSION="${ground_VERSION}")
 target_link_libraries(ground_core PRIVATE
-  ground::model ground::estimation ground::control ground::simulation ground::identification)
+  ground::model ground::estimation ground::safety ground::control ground::simulation ground::identification)
 install(TARGETS ground_core LIBRARY DESTINATION ${ground_module_destination})

@@ -56,7 +56,10 @@ class Flight {
       measured.eta(j) += (j == 2 ? 1e-3 : 3e-4) * normal_(random_);
       measured.nu(j) += (j == 2 ? 2e-2 : 5e-3) * normal_(random_);
     }
-    return {t, t, measured, reference_.get(), 0, {1.0, std::nullopt}, 0};
+    return {t,        t,
+            measured, reference_.get(),
+            0,        {1.0, std::nullopt},
+            0,        poseMeasurement(measured.eta, 3e-4, 5e-3)};
   }
   void command(double t, const Thrusters<double>& chosen) { inputs_.add(t, chosen, 1); }
   /// Distance from the reference [m].
@@ -86,7 +89,10 @@ struct ColdStart {
   RigidState<double> state;
 
   Observation observation() const {
-    return {since, since, state, reference.get(), 0, {1.0, std::nullopt}, 0};
+    return {since, since,
+            state, reference.get(),
+            0,     {1.0, std::nullopt},
+            0,     poseMeasurement(state.eta, 3e-4, 5e-3)};
   }
 };
 

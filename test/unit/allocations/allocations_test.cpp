@@ -10,10 +10,10 @@
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/tracking_law.h"
 #include "ground/estimation/model_monitor.h"
-#include "ground/estimation/obedience_monitor.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
+#include "ground/safety/obedience_monitor.h"
 #include "ground/simulation/model_craft.h"
 
 namespace {
@@ -57,6 +57,7 @@ long allocationsOf(TrackingController& controller, const Model& model, int count
   long before = 0;
   for (int i = -100; i < count; ++i) {
     seen.stamp = seen.now = t;
+    seen.pose = poseMeasurement(seen.state.eta, 3e-4, 5e-3);
     if (i == 0) before = allocations;
     const Thrusters<double> inputs = controller.decide(seen);
     controller.commanded(t, inputs, 1);

@@ -28,6 +28,11 @@ Model craft(const std::vector<std::pair<std::string, std::vector<double>>>& effe
   return model;
 }
 
+/// A state that is measured at t [s].
+Observation seen(double t, const RigidState<double>& state, const ReferenceTrajectory& reference) {
+  return {t, t, state, &reference, 0, {1, std::nullopt}, 0, poseMeasurement(state.eta, 3e-4, 5e-3)};
+}
+
 /// A craft whose skirt fills slowly and whose wake lags behind: two states of an expression effect.
 Model craftWithMemory() {
   return withEffect(craft({{"motor_lag", {0.06}}}), R"yaml(
@@ -67,7 +72,9 @@ TrajectoryOptimizer::State believedAfterThrust(const Model& model, std::optional
     now = frame * kFrame;
     craft.advance(now);
     if (swapped && std::abs(now - (kEnd - *swapped)) < kFrame / 2) load();
-    pilot.objection({now, craft.state(), true});
+    MeasuredState measured{now, craft.state(), true};
+    measured.pose = poseMeasurement(measured.state.eta, 3e-4, 5e-3);
+    pilot.objection(measured);
     pilot.update(now, now, craft.state(), 1);
     pilot.commanded(now, full);
   }
@@ -278,8 +285,7 @@ void track(const Model& truth, PredictiveControl& control, const ReferenceTrajec
   for (int i = 0; i < duration * 50; ++i) {
     const double t = i / 50.0;
     simulation.advance(t);
-    const Thrusters<double> chosen =
-        control.decide({t, t, simulation.state(), &reference, 0, {1, std::nullopt}});
+    const Thrusters<double> chosen = control.decide(seen(t, simulation.state(), reference));
     control.commanded(t, chosen, 1);
     const double most = truth.body.input_max;
     ASSERT_TRUE(truth.thrusters->clipped(chosen, most) == chosen);
@@ -336,9 +342,9 @@ TEST(PredictiveControl, GivesNoThrustWhileTheStateIsNotFinite) {
   RigidState<double> good, bad;
   good.eta << 2, 0, 1.57;
   bad.eta << std::nan(""), 0, 0;
-  EXPECT_GT(asVector(control.decide({0.00, 0.00, good, circle.get(), 0, {1, std::nullopt}})).norm(), 0);
-  EXPECT_EQ(asVector(control.decide({0.02, 0.02, bad, circle.get(), 0, {1, std::nullopt}})).norm(), 0);
-  EXPECT_GT(asVector(control.decide({0.04, 0.04, good, circle.get(), 0, {1, std::nullopt}})).norm(), 0);
+  EXPECT_GT(asVector(control.decide(seen(0.00, good, *circle))).norm(), 0);
+  EXPECT_EQ(asVector(control.decide(seen(0.02, bad, *circle))).norm(), 0);
+  EXPECT_GT(asVector(control.decide(seen(0.04, good, *circle))).norm(), 0);
 }
 
 /// Sum of the squares by which a plan comes too near to nearWalls().
@@ -347,7 +353,7 @@ double excessOf(PredictiveControl& control) {
   RigidState<double> state;
   state.eta << 1, 0, M_PI / 2;
   state.nu << 0.8, 0, 0.8;
-  for (int i = 0; i < 10; ++i) control.decide({0, 0, state, circle.get(), 0, {1, std::nullopt}});
+  for (int i = 0; i < 10; ++i) control.decide(seen(0, state, *circle));
   double sum = 0;
   for (const State& at : control.plan().states()) {
     Eigen::Matrix<double, 1, 5> unused;
@@ -408,7 +414,7 @@ TEST(PredictiveControl, FindsTheBestValleyFromColdStarts) {
     PredictiveControl control(model, {});
     double cost = std::numeric_limits<double>::infinity();
     for (int decision = 0; decision < 20; ++decision) {
-      control.decide({0, 0, start, circle.get(), 0, {1, std::nullopt}});
+      control.decide(seen(0, start, *circle));
       EXPECT_LE(control.plan().cost(), cost * (1 + 1e-9)) << "the same problem again";
       cost = control.plan().cost();
     }
@@ -437,7 +443,7 @@ std::array<double, 2> costsBy(double deadline) {
     state.eta << -2, 2 + 0.1 * static_cast<double>(i), 3;
     const double t = 0.02 * static_cast<double>(i);
     const double began = clock.now + clock.reading;
-    const Thrusters<double> chosen = control.decide({t, t, state, circle.get(), 0, {1, std::nullopt}});
+    const Thrusters<double> chosen = control.decide(seen(t, state, *circle));
     EXPECT_TRUE(asVector(chosen).allFinite());
     if (deadline > 0) {
       EXPECT_LE(clock.now - began, deadline * (1 + 1e-9) + 1e-12) << deadline;

@@ -16,6 +16,12 @@
 namespace ground {
 namespace model_monitor_test {
 
+constexpr double kPosition = 3e-4, kHeading = 5e-3;  // noise of poses [m], [rad]
+
+PoseMeasurement pose(const RigidState<double>& state) {
+  return poseMeasurement(state.eta, kPosition, kHeading);
+}
+
 Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 
 Model with(const std::string& effect, const std::map<std::string, double>& values) {
@@ -53,7 +59,7 @@ class Experiment {
       const Measurement<double> seen = simulation.measure();
       RigidState<double> state{seen.eta, seen.nu};
       for (int c = 0; c < 3; ++c) {
-        state.eta(c) += (c < 2 ? 3e-4 : 5e-3) * normal_(random_);
+        state.eta(c) += (c < 2 ? kPosition : kHeading) * normal_(random_);
         state.nu(c) += (c < 2 ? 5e-3 : 5e-2) * normal_(random_);
       }
       each(from + t, state);
@@ -84,7 +90,7 @@ TEST(ModelMonitor, ATrueModelShowsWhatTheNoiseLeaves) {
     std::optional<ModelMonitor::Error> last;
     double first = -1;
     Experiment(truth).run(0, 15, {&monitor}, [&](double t, const RigidState<double>& s) {
-      const auto found = monitor.measure(t, s);
+      const auto found = monitor.measure(t, s, pose(s));
       if (found && first < 0) first = t;
       if (found) last = found;
     });
@@ -107,8 +113,8 @@ TEST(ModelMonitor, KnowsTheThrustByTheVoltage) {
   std::optional<ModelMonitor::Error> by_voltage, without;
   Experiment(weak).run(0, 15, {&told, &untold}, [&](double t, const RigidState<double>& s) {
     told.voltage(t, 6.7);
-    if (const auto found = told.measure(t, s)) by_voltage = found;
-    if (const auto found = untold.measure(t, s)) without = found;
+    if (const auto found = told.measure(t, s, pose(s))) by_voltage = found;
+    if (const auto found = untold.measure(t, s, pose(s))) without = found;
   });
   ASSERT_TRUE(by_voltage && without);
   expectNoise(by_voltage->rms, by_voltage->noise);
@@ -120,7 +126,7 @@ std::optional<ModelMonitor::Error> onACircle(const Model& truth, const Model& mo
   ModelMonitor monitor(model, {});
   std::optional<ModelMonitor::Error> last;
   Experiment(truth, {{0.2, 0.22}}).run(0, 40, {&monitor}, [&](double t, const RigidState<double>& s) {
-    if (const auto found = monitor.measure(t, s)) last = found;
+    if (const auto found = monitor.measure(t, s, pose(s))) last = found;
   });
   return last;
 }
@@ -145,7 +151,7 @@ TEST(ModelMonitor, ACraftAtRestTellsNothing) {
   monitor.command(0, {0, 0}, 1);
   for (int i = 0; i < 1000; ++i) {
     const double x = 3e-4 * normal(random), y = 3e-4 * normal(random), psi = 5e-3 * normal(random);
-    if (const auto found = monitor.measure(0.01 * i, {{x, y, psi}, {0, 0, 0}})) last = found;
+    if (const auto found = monitor.measure(0.01 * i, {}, pose({{x, y, psi}, {0, 0, 0}}))) last = found;
   }
   ASSERT_TRUE(last);
   EXPECT_FALSE(last->excited);
@@ -156,10 +162,10 @@ TEST(ModelMonitor, OnTheFloorNothingIsPooled) {
   ModelMonitor monitor(craft(), {});
   std::optional<ModelMonitor::Error> flying, landed;
   Experiment(craft()).run(0, 5, {&monitor}, [&](double t, const RigidState<double>& s) {
-    if (const auto found = monitor.measure(t, s)) flying = found;
+    if (const auto found = monitor.measure(t, s, pose(s))) flying = found;
   });
   monitor.command(5, {0, 0}, 0);
-  for (int i = 0; i < 200; ++i) landed = monitor.measure(5 + 0.01 * i, {{0, 0, 0}, {0, 0, 0}});
+  for (int i = 0; i < 200; ++i) landed = monitor.measure(5 + 0.01 * i, {}, pose({}));
   ASSERT_TRUE(flying && landed);
   EXPECT_TRUE(flying->excited);
   EXPECT_FALSE(landed->excited);
@@ -173,7 +179,7 @@ TEST(ModelMonitor, TheMissingWrenchIsThatOfTheHiddenEffect) {
   int count = 0;
   double errors[2] = {0, 0};
   Experiment(truth).run(0, 15, {&nominal, &right}, [&](double t, const RigidState<double>& s) {
-    const auto a = nominal.measure(t, s), b = right.measure(t, s);
+    const auto a = nominal.measure(t, s, pose(s)), b = right.measure(t, s, pose(s));
     if (!a || !b || t < 3) return;
     missing += a->wrench;
     rest += b->wrench;
@@ -195,7 +201,7 @@ TEST(ModelMonitor, ResetsWhenTimeJumpsBack) {
   ModelMonitor monitor(craft(), {});
   int found = 0;
   const auto count = [&](double t, const RigidState<double>& s) {
-    found += monitor.measure(t, s).has_value();
+    found += monitor.measure(t, s, pose(s)).has_value();
   };
   Experiment(craft()).run(100, 3, {&monitor}, count);
   const int before = found;
@@ -209,7 +215,8 @@ TEST(ModelContest, PrefersTheTrueModelButNoneOfTwoEqualOnes) {
   ModelMonitor nominal(craft(), {}), right(truth, {}), again(truth, {});
   ModelContest unequal(1.0, 10.0), equal(1.0, 10.0);
   Experiment(truth).run(0, 14, {&nominal, &right, &again}, [&](double t, const RigidState<double>& s) {
-    const auto a = nominal.measure(t, s), b = right.measure(t, s), c = again.measure(t, s);
+    const auto a = nominal.measure(t, s, pose(s)), b = right.measure(t, s, pose(s)),
+               c = again.measure(t, s, pose(s));
     if (!a || !b || !c) return;
     unequal.add(t, *a, *b);
     equal.add(t, *c, *b);

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
+#include <Eigen/QR>
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -10,7 +11,6 @@
 #include <set>
 #include <thread>
 
-#include "../../../src/ground/src/identification/dense_algebra.h"
 #include "../../../src/ground/src/identification/estimates.h"
 #include "../../../src/ground/src/identification/parallel.h"
 #include "../../../src/ground/src/identification/projected_step.h"
@@ -55,14 +55,12 @@ TEST(RobustLoss, IsThePseudoHuberLossWithItsDerivatives) {
     for (std::size_t i = 0; i < residuals.size(); ++i) {
       const double r = residuals[i], h = 1e-4 * (1 + std::abs(r));
       const double slope = (rho(r + h) - rho(r - h)) / (2 * h);
-      EXPECT_NEAR(std::pow(loss(r), 2), rho(r), 1e-9 * (1 + rho(r)));
-      EXPECT_EQ(loss(r) < 0, r < 0);
-      EXPECT_NEAR(loss.derivative(r), (loss(r + h) - loss(r - h)) / (2 * h), 1e-6) << r;
       EXPECT_NEAR(loss.score(r), 0.5 * slope, 1e-6 * (1 + std::abs(slope)));
       EXPECT_NEAR(value[i], rho(r), 1e-9 * (1 + rho(r)));
       EXPECT_NEAR(alone[i], rho(r), 1e-9 * (1 + rho(r)));
       EXPECT_NEAR(product[i], 0.5 * slope, 1e-6 * (1 + std::abs(slope)));
-      EXPECT_NEAR(weight[i], std::pow(loss.derivative(r), 2), 1e-9);
+      const auto root = [&](double x) { return std::copysign(std::sqrt(rho(x)), x); };
+      EXPECT_NEAR(weight[i], std::pow((root(r + h) - root(r - h)) / (2 * h), 2), 1e-5) << r;
       if (std::isinf(delta)) continue;
       const double bend = (rho(r + h) - 2 * rho(r) + rho(r - h)) / (h * h);
       EXPECT_NEAR(loss.curvature(r, delta), 0.5 * bend, 1e-4) << r;
@@ -169,6 +167,16 @@ TEST(WarmFit, LeavesABoundThatItMeetsOnTheWay) {
   }
 }
 
+/// The derivatives, a row for each residual.
+Eigen::MatrixXd derivativesOf(const WindowResiduals& rows) {
+  Eigen::MatrixXd all(rows.residuals.size(), rows.columns);
+  for (Eigen::Index row = 0; row < all.rows(); ++row)
+    for (int column = 0; column < rows.columns; ++column)
+      all(row, column) = rows.passes[static_cast<std::size_t>(column / kDerivatives)]
+                                    [static_cast<std::size_t>(row)][column % kDerivatives];
+  return all;
+}
+
 TEST(WindowResiduals, DerivativesAgreeWithFiniteDifferences) {
   const RunData run = record(truth(), 2, 0.1, 4);
   const SimulationError p = problem(run, 2);
@@ -176,7 +184,7 @@ TEST(WindowResiduals, DerivativesAgreeWithFiniteDifferences) {
   const std::vector<int> free = {2, 3, 4, 5, 6, 0, 1};  // with the initial velocity: two passes
   const Vector3<double> nu(0.1, -0.05, 0.3);
   const WindowResiduals exact = residualsOf(p, model, model.coordinates(), free, 0, nu, true);
-  const Eigen::MatrixXd derivatives = exact.derivatives();
+  const Eigen::MatrixXd derivatives = derivativesOf(exact);
   ASSERT_TRUE(exact.finite());
   ASSERT_EQ(derivatives.cols(), 10);
   for (int j = 0; j < 10; ++j) {
@@ -209,7 +217,7 @@ Eigen::MatrixXd jackknife(const SimulationError& problem, const Model& model, co
   for (Eigen::Index w = 0; w < windows; ++w) {
     const WindowResiduals rows = residualsOf(problem, model, model.coordinates(), free.index,
                                              static_cast<int>(w), initial[static_cast<std::size_t>(w)], true);
-    const Eigen::MatrixXd derivatives = rows.derivatives();
+    const Eigen::MatrixXd derivatives = derivativesOf(rows);
     const Eigen::Index count = rows.residuals.size(), before = r.size();
     J.conservativeResize(before + count, Eigen::NoChange);
     J.bottomRows(count).setZero();
@@ -237,7 +245,7 @@ Eigen::MatrixXd jackknife(const SimulationError& problem, const Model& model, co
         rest.row(i).setZero();
         left(i) = 0;
       }
-    steps.col(b) = leastSquares(rest, left).topRows(n);
+    steps.col(b) = rest.completeOrthogonalDecomposition().solve(left).topRows(n);
   }
   const Eigen::MatrixXd centred = steps.colwise() - steps.rowwise().mean();
   return (blocks - 1.0) / blocks * centred * centred.transpose();

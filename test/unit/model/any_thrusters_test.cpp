@@ -12,9 +12,9 @@
 #include "../faulty_craft.h"
 #include "ground/control/controllers.h"
 #include "ground/control/feasibility.h"
-#include "ground/estimation/obedience_monitor.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
+#include "ground/safety/obedience_monitor.h"
 #include "ground/simulation/experiment.h"
 
 namespace ground {
@@ -69,8 +69,14 @@ double errorOf(const Model& truth, TrackingController& control, const ReferenceT
   for (int i = 0; i < duration * 50; ++i) {
     const double t = i / 50.0;
     simulation.advance(t);
-    const Thrusters<double> chosen =
-        control.decide({t, t, simulation.state(), &reference, 0, {1, std::nullopt}});
+    const Thrusters<double> chosen = control.decide({t,
+                                                     t,
+                                                     simulation.state(),
+                                                     &reference,
+                                                     0,
+                                                     {1, std::nullopt},
+                                                     0,
+                                                     poseMeasurement(simulation.state().eta, 3e-4, 5e-3)});
     EXPECT_TRUE(truth.thrusters->clipped(chosen, truth.body.input_max) == chosen) << t;
     control.commanded(t, chosen, 1);
     inputs.add(t, chosen, 1);

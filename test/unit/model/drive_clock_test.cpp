@@ -9,7 +9,6 @@
 #include "ground/control/input_design.h"
 #include "ground/estimation/model_monitor.h"
 #include "ground/identification/grey_box.h"
-#include "ground/identification/prediction.h"
 #include "ground/identification/simulation_error.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
@@ -178,7 +177,8 @@ TEST(OneOriginOfTime, ALiveComparisonStartedDuringADrivePredictsTheSimulatedCraf
       for (; next < run.inputs.size() && run.inputs.times[next] < run.times[i]; ++next)
         monitor.command(run.inputs.times[next], run.inputs.thrusters[next], run.inputs.lift[next]);
       const auto row = static_cast<Eigen::Index>(i);
-      const auto found = monitor.measure(run.times[i], {run.eta.row(row), run.nu.row(row)});
+      const auto found = monitor.measure(run.times[i], {run.eta.row(row), run.nu.row(row)},
+                                         poseMeasurement(run.eta.row(row), 3e-4, 5e-3));
       if (found) last = found;
       if (found && run.times[i] > 5) wrench = std::max(wrench, std::abs(found->wrench.x()));
     }
@@ -207,6 +207,7 @@ TEST(OneOriginOfTime, APlanUsesTheThrustOfItsTime) {
     seen.stamp = seen.now = seen.reference_start = 1000;
     seen.state.nu << line.speed, 0, 0;
     seen.reference = reference.get();
+    seen.pose = poseMeasurement(seen.state.eta, 3e-4, 5e-3);
     seen.drive_start = seen.now - elapsed;
     const double input = 0.05 * line.speed / (model.body.k * std::exp(-elapsed / 20));
     EXPECT_NEAR(asVector(control.decide(seen)).sum(), input, 0.1 * input) << elapsed;

@@ -8,12 +8,12 @@
 #include <string>
 
 #include "ground/control/allocation.h"
-#include "ground/control/fence.h"
 #include "ground/control/reference_pilot.h"
 #include "ground/model/capability.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
+#include "ground/safety/fence.h"
 
 namespace ground {
 namespace steering_test {

@@ -101,7 +101,8 @@ TEST(Symmetry, PredictiveControlPlansTheSameInATurnedWorld) {
       const RigidState<double> seen = world.state(start);
       Thrusters<double> inputs;
       for (int decision = 0; decision < 8; ++decision)
-        inputs = control.decide({0, 0, seen, line.get(), 0, {1, std::nullopt}});
+        inputs = control.decide(
+            {0, 0, seen, line.get(), 0, {1, std::nullopt}, 0, poseMeasurement(seen.eta, 3e-4, 5e-3)});
       return std::make_pair(control.plan().cost(), inputs);
     };
     const auto [cost, inputs] = decided({});

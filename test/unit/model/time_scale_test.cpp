@@ -1,8 +1,7 @@
 // The time scale of a craft: how long full thrust takes to move or turn it.
-#include "ground/model/time_scale.h"
-
 #include <gtest/gtest.h>
 
+#include "ground/model/capability.h"
 #include "ground/model/model_file.h"
 
 namespace ground {

@@ -8,7 +8,7 @@
 #include "ground/control/controllers.h"
 #include "ground/control/excitation_pilot.h"
 #include "ground/estimation/model_monitor.h"
-#include "ground/link/ground_link.h"
+#include "ground/safety/ground_link.h"
 #include "ground/simulation/experiment.h"
 
 namespace ground {

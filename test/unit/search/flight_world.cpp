@@ -14,6 +14,7 @@ namespace {
 
 constexpr double kFrame = 1.0 / 32;  // time between states and telemetry that are fed [s]
 constexpr double kSilence = 0.5, kHandover = 0.2, kPeriod = 0.02;  // [s]
+constexpr double kQuick = 1.5;  // at this speed a craft stops inside, unless thrust goes on [m/s]
 const UdpAddress kCraft{0x0a000002, 4000};
 const MotorCommand kRivals{0.125, 0.375, 0.5};
 
@@ -49,6 +50,10 @@ struct FlightEvents {
          [](W& w) {
            w.measure({0, 3, true, 0});
          }},
+        {"pose of a quick craft",
+         [](W& w) {
+           w.measure({0, kQuick, true, 0});
+         }},
         {"telemetry", [](W& w) { w.telemetry(); }},
         {"arm", [](W& w) { w.arm(true); }},
         {"disarm", [](W& w) { w.arm(false); }},
@@ -80,15 +85,14 @@ FlightWorld::FlightWorld(Shared& shared)
             return params;
           }(),
           {},
-          [at = &shared](const std::string& datagram, const UdpAddress&) {
-            MotorCommand command;
-            decodeMotors(datagram, command);
+          [at = &shared](const MotorCommand& command, const UdpAddress&) {
             at->packets.push_back(command);
             return std::string();
           }),
       life_(
           shared.pilot, [at = &shared](const Inputs& inputs) { at->pilot.sent.push_back(inputs); }, [] {}) {
   life_.setFence(Fence(Room(), 0.2));
+  guard_.setFence(room_.fence);
 }
 
 const std::vector<std::string>& FlightWorld::events() {
@@ -112,6 +116,8 @@ void FlightWorld::apply(int event) {
 void FlightWorld::show(Key& key) const {
   link_.visit(key);
   life_.visit(key);
+  guard_.visit(key);
+  room_.visit(key);
   for (const bool flag : {alive_, told_armed_, by_hand_, started_, lifted_, sent_, lifts_since_ > now_})
     key.value(flag);
   for (const double t : {last_valid_, heard_, cut_at_, std::min(lifts_since_, now_)}) key.since(t);
@@ -128,14 +134,17 @@ void FlightWorld::measure(const Pose& pose) {
   const bool finite = std::isfinite(pose.x);
   const bool valid = pose.valid && finite;
   if (valid) last_valid_ = std::max(last_valid_, state.stamp);
-  if (life_.driving() && (!finite || (valid && (pose.x != 0 || pose.u != 0)))) cut();
+  if (life_.driving() && (!finite || (valid && (pose.x != 0 || pose.u > kQuick)))) cut();
   link_.state(now_, pose.age, valid, "lost");
-  if (valid) link_.confine(now_, Fence(Room(), 0.2).objection(state.state, pose.age));
+  room_.measure({state.stamp, pose.x, pose.u, 0, pose.valid, finite});
+  guard_.state(state);
+  confine();
   if (alive_) life_.state(instant(), state);
   exchange();
 }
 
 void FlightWorld::rival(const std::string& name) {
+  confine();
   link_.command(now_, 0, "/rival", kRivals);
   rivals_ = true;
   // A command within the handover may be a late one of a controller that was replaced.
@@ -146,7 +155,7 @@ void FlightWorld::rival(const std::string& name) {
 
 void FlightWorld::telemetry() {
   heard_ = now_;
-  link_.datagram(now_, encodeTelemetry(CraftTelemetry()), kCraft);
+  link_.datagram(now_, CraftTelemetry(), kCraft);
   exchange();
 }
 
@@ -173,6 +182,8 @@ void FlightWorld::start(bool started) {
 
 void FlightWorld::clockSet() {
   cut(true);
+  room_.clockSet();
+  guard_.reset();
   link_.timeJumped(now_, "time jumped");
   if (alive_) life_.timeJumped(instant(), "time jumped");
   exchange();
@@ -191,6 +202,7 @@ void FlightWorld::sendersEnd() {
 
 void FlightWorld::silence() {
   exchange();
+  confine();
   if (link_.silence(now_, kSilence).empty()) silent_until_ = now_ + kSilence;
   exchange();
 }
@@ -211,6 +223,7 @@ void FlightWorld::pass(double duration, bool fed) {
         std::min({until, next_frame, std::max({std::min(at, link_.nextPacket()), now_ + kTick})}));
     if (alive_) life_.tick(instant());
     exchange();
+    confine();
     link_.tick(now_);
     exchange();
   }
@@ -221,7 +234,9 @@ void FlightWorld::exchange() {
     std::vector<Inputs>& sent = shared_->pilot.sent;
     for (; given_ < sent.size(); ++given_) {
       lifted_ = lifted_ || sent[given_].lift > 0;
+      confine();
       link_.command(now_, 0, "/controller", sent[given_]);
+      check();
     }
     const bool armed = link_.current() == GroundLink::State::kArmed;
     if (armed == told_armed_) break;
@@ -242,6 +257,10 @@ void FlightWorld::check() {
   using namespace requirements;  // NOLINT
   for (const MotorCommand& packet : shared_->packets) {
     last_ = packet;
+    const double acceleration = shared_->pilot.pushed(packet).x();
+    const bool leaves = room_.leaves(now_);
+    room_.sends(now_, acceleration);
+    guard_.sent(now_, {acceleration, 0});
     sent_ = true;
     if (!(packet.lift > 0))
       lifts_since_ = std::numeric_limits<double>::infinity();
@@ -255,6 +274,8 @@ void FlightWorld::check() {
       violation_ = "thrust-before-arming: thrust without arming by hand";
     else if (!started_ && after > kThrustAfterEnd)
       violation_ = "thrust-after-end: thrust after the drive had ended";
+    else if (leaves)
+      violation_ = "fence: thrust for a craft that is about to leave the room";
     else if (packet.thrusters == kRivals.thrusters)
       violation_ = "one-publisher: a command of the rival was sent";
     else if (now_ - heard_ > kCraftSilence)

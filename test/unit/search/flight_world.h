@@ -6,8 +6,9 @@
 #include <vector>
 
 #include "explore.h"
-#include "ground/control/controller_lifecycle.h"
-#include "ground/link/ground_link.h"
+#include "fence_spec.h"
+#include "ground/safety/controller_lifecycle.h"
+#include "ground/safety/ground_link.h"
 #include "lifecycle_world.h"
 
 namespace ground {
@@ -57,6 +58,8 @@ class FlightWorld {
   void silence();
   /// Lets time pass; with `fed`, states and telemetry come.
   void pass(double duration, bool fed);
+  /// As the sender does before it sends anything.
+  void confine() { link_.confine(now_, guard_.objection(now_)); }
   /// Passes what the controller sent to the link, the link's state to the controller, and checks the packets.
   void exchange();
   void check();
@@ -67,6 +70,8 @@ class FlightWorld {
 
   Shared* shared_;
   GroundLink link_;
+  FenceGuard guard_;
+  search::FenceSpec room_{Fence(Room(), 0), {}, {}, {}};  ///< what guard_ has to know
   ControllerLifecycle life_;
   double now_ = 64;
   std::size_t given_ = 0;  ///< commands of the controller that the link has got

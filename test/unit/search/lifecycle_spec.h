@@ -5,37 +5,27 @@
 #include <cmath>
 #include <limits>
 #include <optional>
-#include <vector>
 
-#include "ground/control/controller_lifecycle.h"
+#include "fence_spec.h"
+#include "ground/safety/controller_lifecycle.h"
 
 namespace ground {
 namespace lifecycle_search {
 
 struct LifecycleSpec {
   using State = ControllerLifecycle::State;
-  static constexpr double kHandover = 0.2;              ///< [s]
+  static constexpr double kHandover = 0.2, kAhead = 1;  ///< [s]
   static constexpr double kJump = 0.2, kJumpSpeed = 2;  ///< [m], [m/s]
   static constexpr double kTurn = 0.6, kTurnRate = 10;  ///< [rad], [rad/s]
 
-  /// A state, as far as it matters.
-  struct Seen {
-    double stamp, x, u, heading;
-    bool valid, finite;
-  };
-  /// Thrust from a time on, clock of stamps.
-  struct Push {
-    double since, acceleration;  ///< [s], [m/s^2]
-  };
+  using Seen = search::FenceSpec::Seen;
 
   LifecycleParams params;
   double end = std::numeric_limits<double>::infinity();  ///< length of the drive [s]
   bool closed_loop = true;
   State state = State::kIdle;
   bool armed = false, lifted = false;
-  std::optional<Seen> seen, trusted;  ///< the last state, and the last one that is valid and finite
-  Fence fence{Room(), 0.2};
-  std::vector<Push> pushes;  ///< at the time of the last trusted state, and since then
+  search::FenceSpec room{Fence(Room(), 0.2), {}, {}, {}};
   double known_x = 0, known_u = 0, known_heading = 0,
          known_stamp = 0;  ///< of the last state used for control
   double seen_at = 0, started_at = 0, others_until = -1e9;
@@ -51,7 +41,8 @@ struct LifecycleSpec {
   /// Whether the state allows driving.
   bool supported(Instant now) const {
     if (!params.require_state) return true;
-    return seen && seen->valid && seen->finite && now.steady < seen_at + params.state_timeout &&
+    const std::optional<Seen>& seen = room.seen;
+    return seen && seen->trusted() && !seen->ahead && now.steady < seen_at + params.state_timeout &&
            now.time < seen->stamp + params.state_timeout;
   }
   bool maySend() const { return armed || !params.require_armed; }
@@ -62,37 +53,15 @@ struct LifecycleSpec {
     known_heading = used.heading;
     known_stamp = used.stamp;
   }
-  /// Notes a command on the wire by the acceleration that it causes.
-  void sends(Instant now, double acceleration) {
-    if (!trusted) pushes.clear();
-    if (pushes.empty() || pushes.back().acceleration != acceleration)
-      pushes.push_back({now.time, acceleration});
-  }
-  /// Whether the craft could leave the room, by the last trusted state or the last one, and all thrust since.
-  bool leaves(Instant now) const {
-    if (!params.require_state) return false;
-    return (trusted && leavesFrom(now, *trusted)) || (seen && seen->finite && leavesFrom(now, *seen));
-  }
-  bool leavesFrom(Instant now, const Seen& from) const {
-    Fence::Thrusts thrusts;
-    for (std::size_t i = 0; i < pushes.size(); ++i) {
-      const double until = i + 1 < pushes.size() ? pushes[i + 1].since : now.time;
-      const double lasted = std::max(0.0, until - std::max(pushes[i].since, from.stamp));
-      thrusts.push_back({{pushes[i].acceleration, 0}, lasted});
-    }
-    RigidState<double> craft{Vector3<double>(from.x, 0, from.heading), Vector3<double>(from.u, 0, 0)};
-    return !fence.objection(craft, now.time - from.stamp, thrusts).empty();
-  }
-
   /// Time to the next limit that a tick must not miss [s]; infinite if there is none.
   double untilLimit(Instant now) const {
     double left = std::numeric_limits<double>::infinity();
     if (state == State::kLifting && !lost_since) left = std::min(left, lifting_since + liftTime() - now.time);
     if (driving()) left = std::min(left, running_since + end - now.time);
     if (flying() && lost_since) left = std::min(left, *lost_since + params.recovery_time - now.steady);
-    if (flying() && !lost_since && seen && params.require_state)
-      left = std::min(
-          {left, seen_at + params.state_timeout - now.steady, seen->stamp + params.state_timeout - now.time});
+    if (flying() && !lost_since && room.seen && params.require_state)
+      left = std::min({left, seen_at + params.state_timeout - now.steady,
+                       room.seen->stamp + params.state_timeout - now.time});
     return left;
   }
 
@@ -114,14 +83,14 @@ struct LifecycleSpec {
     } else if (flying()) {
       if (!lost_since) lost_since = now.steady;
       if (state == State::kRunning) state = State::kRecovering;
-      const bool patient = params.recovery_time > 0 && seen && seen->finite;
+      const bool patient = params.recovery_time > 0 && room.seen && room.seen->finite;
       if (!patient || now.steady >= *lost_since + params.recovery_time) change(State::kStopped);
     }
-    if (flying() && leaves(now)) change(State::kStopped);
+    if (flying() && room.leaves(now.time)) change(State::kStopped);
     if (state == State::kLifting && good && now.time >= lifting_since + liftTime()) {
       state = State::kRunning;
       running_since = now.time;
-      if (seen) know(*seen);
+      if (room.seen) know(*room.seen);
     }
     if (driving() && now.time >= running_since + end) change(State::kDone);
   }
@@ -129,20 +98,15 @@ struct LifecycleSpec {
   /// The clock of stamps was set: what was seen and pushed by it counts no more.
   void clockSet() {
     if (flying()) change(State::kStopped);
-    seen.reset();
-    trusted.reset();
-    pushes.clear();
+    room.clockSet();
   }
 
-  void measure(Instant now, const Seen& measured) {
+  void measure(Instant now, Seen measured) {
     if (!params.require_state) return;
-    seen = measured;
+    measured.ahead = measured.stamp > now.time + kAhead;
+    room.measure(measured);
     seen_at = now.steady;
-    if (measured.valid && measured.finite) {
-      trusted = measured;
-      while (pushes.size() > 1 && pushes[1].since <= measured.stamp) pushes.erase(pushes.begin());
-    }
-    if (driving() && measured.valid && measured.finite) {
+    if (driving() && measured.trusted()) {
       const double dt = std::max(0.0, measured.stamp - known_stamp);
       const bool jumped = std::abs(measured.x - known_x - known_u * dt) > kJump + kJumpSpeed * dt ||
                           std::abs(measured.heading - known_heading) > kTurn + kTurnRate * dt;
@@ -183,12 +147,10 @@ struct LifecycleSpec {
     v.deadline(others_until);
     v.value(lost_since.has_value());
     if (lost_since) v.since(*lost_since);
-    if (seen) v.deadline(seen_at + params.state_timeout);
-    for (const Push& one : pushes) {
-      v.stamp(trusted ? std::max(one.since, trusted->stamp) : one.since);
-      v.value(one.acceleration);
-    }
-    for (const bool flag : {armed, lifted, seen && seen->valid, seen && seen->finite}) v.value(flag);
+    if (room.seen) v.deadline(seen_at + params.state_timeout);
+    room.visit(v);
+    v.value(armed);
+    v.value(lifted);
   }
 };
 

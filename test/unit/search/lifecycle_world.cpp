@@ -62,7 +62,8 @@ struct LifecycleEvents {
         {"state", [](W& w) { w.state(); }},
         {"old state", [](W& w) { w.state(0, 0, true, w.spec_.params.state_timeout - kTick); }},
         {"stale state", [](W& w) { w.state(0, 0, true, w.spec_.params.state_timeout); }},
-        {"state from the future", [](W& w) { w.state(0, 0, true, -1); }},
+        {"state a second ahead", [](W& w) { w.state(0, 0, true, -1); }},
+        {"state from the future", [](W& w) { w.state(0, 0, true, -1 - kTick); }},
         {"invalid state", [](W& w) { w.state(0, 0, false); }},
         {"state of NaN", [](W& w) { w.state(kNan); }},
         {"state 0.15 m off", [](W& w) { w.state(0.15); }},
@@ -113,7 +114,7 @@ LifecycleWorld::LifecycleWorld(const LifecycleParams& params, SearchPilot& pilot
           pilot, [at = &pilot](const Inputs& inputs) { at->sent.push_back(inputs); },
           [at = &pilot] { ++at->changes; }) {
   life_.setParams(params);
-  life_.setFence(spec_.fence);
+  life_.setFence(spec_.room.fence);
   spec_.params = params;
   spec_.end = pilot.end();
   pilot.blind = !params.require_state;
@@ -217,7 +218,7 @@ void LifecycleWorld::zero() {
     violation_ = "zeros: none was sent, or beside another's";
   if (!sent) return;
   sent_at_ = now_;
-  spec_.sends(instant(), 0);
+  spec_.room.sends(instant().time, 0);
 }
 
 void LifecycleWorld::clockSet(double by) {
@@ -243,9 +244,9 @@ void LifecycleWorld::waitForLimit(int ticks, bool fed) {
   if (spec_.driving() && !spec_.closed_loop) add(spec_.running_since + SearchPilot::kOpenFor - ahead_);
   add(spec_.others_until);
   if (spec_.started()) add(spec_.started_at + LifecycleSpec::kHandover);
-  if (!fed && spec_.seen) {
+  if (!fed && spec_.room.seen) {
     add(spec_.seen_at + spec_.params.state_timeout);
-    add(spec_.seen->stamp + spec_.params.state_timeout - ahead_);
+    add(spec_.room.seen->stamp + spec_.params.state_timeout - ahead_);
     if (spec_.lost_since) add(*spec_.lost_since + spec_.params.recovery_time);
   }
   if (!limits.empty()) pass(*std::min_element(limits.begin(), limits.end()) + ticks * kTick, fed);
@@ -283,7 +284,7 @@ void LifecycleWorld::check(const Before& seen, const std::string& call) {
     sent_at_ = now_;
     sent_ = pilot_->sent.back();
   }
-  for (const Inputs& inputs : pilot_->sent) spec_.sends(instant(), pilot_->pushed(inputs).x());
+  for (const Inputs& inputs : pilot_->sent) spec_.room.sends(instant().time, pilot_->pushed(inputs).x());
   if (!violation_.empty()) return;
   // The pilot may end the drive whenever it is asked, and on the bench when it begins to drive by the state.
   const bool by_pilot = life_.current() == State::kStopped && spec_.state == State::kRunning &&
@@ -346,7 +347,7 @@ std::string LifecycleWorld::stateProblem(const Before& seen) const {
   if (begins && !spec_.closed_loop && !(sent_now && sent_.thrust() > 0))
     return "thrust: an open loop begins late";
   if (pilot_->invented) return "pilot: it is given a state, and none is required";
-  const double newest = std::max(instant().time, spec_.seen ? spec_.seen->stamp : 0);
+  const double newest = std::max(instant().time, spec_.room.seen ? spec_.room.seen->stamp : 0);
   if (pilot_->asked > std::max(0.0, newest - spec_.running_since) + 1e-9)
     return "pilot: it is asked for a time that is to come";
   if (seen.state == State::kRunning && is == State::kRecovering && !(sent_now && sent_.thrust() == 0))

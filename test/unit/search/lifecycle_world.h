@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "explore.h"
-#include "ground/control/controller_lifecycle.h"
+#include "ground/safety/controller_lifecycle.h"
 #include "lifecycle_spec.h"
 
 namespace ground {

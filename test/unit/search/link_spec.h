@@ -8,7 +8,7 @@
 #include <optional>
 #include <string>
 
-#include "ground/link/ground_link.h"
+#include "ground/safety/ground_link.h"
 
 namespace ground {
 namespace link_search {

@@ -70,7 +70,7 @@ struct LinkEvents {
         {"command for more thrusters", [](W& w) { w.command(kDrive, "/a", 0, 1); }},
         {"zero command of another", [](W& w) { w.command(kZero, "/b"); }},
         {"command of another", [](W& w) { w.command(kOther, "/b"); }},
-        {"hello", [](W& w) { w.datagram("hello", kCraft, {}); }},
+        {"hello", [](W& w) { w.datagram(kCraft, {}); }},
         {"telemetry", [](W& w) { w.telemetry(kCraft); }},
         {"telemetry with a new count", [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(kCount) + 1); }},
         {"telemetry with the same count", [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(kCount)); }},
@@ -81,7 +81,7 @@ struct LinkEvents {
          [](W& w) { w.telemetry(kCraft, kCount - 100, w.spec_.boot.value_or(0) + 1); }},
         {"telemetry of the other port", [](W& w) { w.telemetry(kRestarted); }},
         {"telemetry of a stranger", [](W& w) { w.telemetry(kStranger); }},
-        {"hello of a stranger", [](W& w) { w.datagram("hello", kStranger, {}); }},
+        {"hello of a stranger", [](W& w) { w.datagram(kStranger, {}); }},
     };
   }
   static std::vector<Event> faults() {
@@ -142,11 +142,8 @@ LinkWorld::LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddres
       wire_(&wire),
       link_(
           params, craft,
-          [at = &wire, layout](const std::string& datagram, const UdpAddress& to) {
-            Wire::Packet packet{{}, to};
-            if (!decodeMotors(datagram, packet.command, nullptr, *layout))
-              throw std::logic_error("a packet cannot be read");
-            at->packets.push_back(packet);
+          [at = &wire](const MotorCommand& command, const UdpAddress& to) {
+            at->packets.push_back({command, to});
             return at->broken ? std::string("the network is unreachable") : std::string();
           },
           layout),
@@ -206,13 +203,12 @@ void LinkWorld::state(bool valid, double age) {
   check(seen, "state");
 }
 
-void LinkWorld::datagram(const std::string& data, const UdpAddress& from,
-                         std::optional<CraftTelemetry> content) {
+void LinkWorld::datagram(const UdpAddress& from, const std::optional<CraftTelemetry>& content) {
   const Before seen = before();
   const bool known = spec_.datagram(now_, from, content.has_value());
   if (spec_.craft != seen.peer) known_since_ = now_;
   if (known && content) spec_.telemetry(now_, content->commands, content->boot);
-  const bool taken = link_.datagram(now_, data, from).has_value();
+  const bool taken = link_.datagram(now_, content, from);
   const GroundLink::Counters &is = link_.counters(), &was = seen.counters;
   const bool counted = is.malformed - was.malformed == (content ? 0u : 1u) &&
                        is.foreign - was.foreign == (known ? 0u : 1u) &&
@@ -228,7 +224,7 @@ void LinkWorld::telemetry(const UdpAddress& from, std::optional<std::uint32_t> c
   CraftTelemetry content;
   content.commands = count;
   content.boot = boot;
-  datagram(encodeTelemetry(content), from, content);
+  datagram(from, content);
 }
 
 void LinkWorld::arm() {
@@ -338,7 +334,7 @@ void LinkWorld::setBadParams() {
     }
   };
   if (!refused([&] { link_.setParams(params); }) || !refused([&] {
-        GroundLink(params, {}, [](const std::string&, const UdpAddress&) { return std::string(); });
+        GroundLink(params, {}, [](const MotorCommand&, const UdpAddress&) { return std::string(); });
       }))
     violation_ = "parameters: bad ones are taken";
   check(seen, "params");

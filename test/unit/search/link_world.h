@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "explore.h"
-#include "ground/link/ground_link.h"
+#include "ground/safety/ground_link.h"
 #include "link_spec.h"
 
 namespace ground {
@@ -51,7 +51,7 @@ class LinkWorld {
   /// excess.
   void command(const MotorCommand& of_two, const std::string& source = "/a", double age = 0, int more = 0);
   void state(bool valid = true, double age = 0);
-  void datagram(const std::string& data, const UdpAddress& from, std::optional<CraftTelemetry> content);
+  void datagram(const UdpAddress& from, const std::optional<CraftTelemetry>& content);
   void telemetry(const UdpAddress& from, std::optional<std::uint32_t> count = {},
                  std::optional<std::uint32_t> boot = {});
   void arm();

@@ -126,6 +126,50 @@ TEST(Experiment, TracksACircleWithANoisyMocap) {
   }
 }
 
+/// Rms distance from a rhodonea of a pushed craft with ModelPredictive, seen by a slow and noisy mocap [m].
+double distanceOfPushed(unsigned long seed, double imu_rate) {
+  const Model model = loadModel("cfg/hovercraft/tiny_whoover_4_1.yaml");
+  TrackingParams tracking;
+  tracking.reference.kind = "rhodonea";
+  tracking.reference.size = 1.5;
+  tracking.reference.petals = 1.5;
+  tracking.reference.rate_of_turn = 0.4;
+  tracking.controller.kind = "ModelPredictive";
+  tracking.max_error = 10;
+  tracking.duration = 30;
+  ExperimentParams params;
+  params.seed = seed;
+  params.imu_rate = imu_rate;
+  params.mocap.rate = 30;
+  params.mocap.latency = 0.03;
+  params.mocap.position_noise = tracking.estimator.position_noise = 1e-3;
+  params.mocap.heading_noise = tracking.estimator.heading_noise = 1e-2;
+  const double force = 2 * model.body.k, moment = model.body.k * model.body.l;
+  params.disturbance.sigma = 0.02 * Vector3<double>(force, force, moment);
+  params.disturbance.time.setConstant(0.5);
+  const ExperimentLog log = trackReference(model, model, tracking, params);
+  EXPECT_EQ(log.stopped, "");
+  double squares = 0, count = 0;
+  auto truth = log.truth.begin();
+  for (const auto& reference : log.references) {
+    while (truth->time < reference.time) ++truth;
+    if (reference.time < 12) continue;
+    squares += (truth->state.eta.head<2>() - reference.point.p).squaredNorm();
+    ++count;
+  }
+  return std::sqrt(squares / count);
+}
+
+TEST(Experiment, GyroAndAccelerometerKeepAPushedCraftNearerToItsReference) {
+  double without = 0, sensed = 0;
+  for (const unsigned long seed : {1, 2, 3}) {
+    without += distanceOfPushed(seed, 0) / 3;
+    sensed += distanceOfPushed(seed, 100) / 3;
+  }
+  EXPECT_LT(without, 7e-3);
+  EXPECT_LT(sensed, 0.8 * without);
+}
+
 TEST(Experiment, TheTrackingControllerStopsWithoutAState) {
   ExperimentParams params;
   params.mocap.gap_rate = 0.2;

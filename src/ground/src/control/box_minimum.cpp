@@ -5,7 +5,7 @@
 namespace ground {
 namespace {
 
-using Row = Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, kMaxThrusters>;
+using RowVector = Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, kMaxThrusters>;
 
 }  // namespace
 
@@ -57,7 +57,7 @@ bool BoxMinimum::moveFree(const Square& H, const PerThruster& g, const PerThrust
                           const PerThruster& high) {
   factorFree(H);
   const PerThruster slope = g + H * minimum_;
-  const PerThruster step = -solveFree(Row(slope.transpose())).transpose();
+  const PerThruster step = -solveFree(RowVector(slope.transpose())).transpose();
   double length = 1;
   Eigen::Index first = -1;
   for (Eigen::Index i = 0; i < step.size(); ++i) {

@@ -12,18 +12,11 @@ constexpr double kMaxHeadingOffset = 0.05;  // [rad]
 constexpr double kMaxMarkerOffset = 0.01;   // [m]
 constexpr double kMaxDelay = 0.02;          // [s]
 
-bool neutral(const Model::Entry& entry) {
-  const std::vector<ParameterInfo>& parameters = entry.effect->info().parameters;
-  for (std::size_t i = 0; i < parameters.size(); ++i)
-    if (entry.values[i] != parameters[i].neutral) return false;
-  return !parameters.empty();
-}
-
 /// Names of the effects that are not neutral and have one of these hooks (a set of Effect::Hook).
 std::vector<std::string> active(const Model& model, unsigned hooks = ~0u) {
   std::vector<std::string> names;
   for (const Model::Entry& entry : model.effects)
-    if (!neutral(entry) && (entry.effect->hooks() & hooks)) names.push_back(entry.effect->info().name);
+    if (!entry.isNeutral() && (entry.effect->hooks() & hooks)) names.push_back(entry.effect->info().name);
   return names;
 }
 

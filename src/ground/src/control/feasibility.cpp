@@ -3,13 +3,17 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
+#include <stdexcept>
 #include <vector>
 
 #include "ground/control/allocation.h"
+#include "ground/safety/fence.h"
 
 namespace ground {
 namespace {
 
+constexpr double kExtents = 10;       // checked multiple of the extent, because a sinusoid is unlimited
 constexpr double kTolerance = 0.01;   // relative to full thrust and to full moment
 constexpr double kHeldFirst = 1e-5;   // weight of the moment if the thrust must hold
 constexpr double kFreeSway = 1e-8;    // weight of the force to the side that a rudder's moment brings
@@ -145,6 +149,53 @@ std::string infeasibility(const ReferenceTrajectory& reference, const Model& mod
     last_time = t;
   }
   return worst.message.empty() ? "" : "the craft cannot follow it exactly: " + worst.message;
+}
+
+std::string leavesRoom(const ReferenceTrajectory& reference, const Room& room) {
+  const std::string wrong = room.validate();
+  if (!wrong.empty()) throw std::invalid_argument(wrong);
+  const Fence fence(room, room.margin);
+  double least = std::numeric_limits<double>::infinity(), when = 0;
+  for (const double t : checkTimes(reference, kExtents)) {
+    const ReferencePoint point = reference.at(t);
+    RigidState<double> state{Vector3<double>::Zero(), Vector3<double>::Zero()};
+    state.eta.head<2>() = point.p;
+    state.nu.head<2>() = point.p_dot;  // at heading 0, body and world axes agree
+    const Vector2<double> stop = fence.stoppingPoint(state, Fence::kLoss);
+    const double clearance = std::min(room.clearance(point.p), room.clearance(stop));
+    if (clearance >= least) continue;
+    least = clearance;
+    when = t;
+  }
+  if (least >= room.margin) return "";
+  char text[200];
+  std::snprintf(text, sizeof text,
+                "after %.1f s it is too close to a wall, or too fast near one: a craft that is stopped there "
+                "comes to rest %.2f m %s",
+                when, std::abs(least), least < 0 ? "outside" : "from the wall");
+  return text;
+}
+
+std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference,
+                       const Room& room) {
+  std::string problem = leavesRoom(reference, room);
+  const auto& kinds = referenceTable();
+  const auto kind = std::find_if(kinds.begin(), kinds.end(),
+                                 [&](const ReferenceInfo& info) { return info.name == params.kind; });
+  const std::vector<std::string> takes = kind == kinds.end() ? std::vector<std::string>() : kind->takes;
+  if (problem.empty() || std::find(takes.begin(), takes.end(), "size") == takes.end()) return problem;
+  constexpr double kStep = 0.01;  // [m]
+  int fits = 0, fails = static_cast<int>(std::ceil(params.size / kStep));
+  while (fails - fits > 1) {
+    const int middle = (fits + fails) / 2;
+    ReferenceParams smaller = params;
+    smaller.size = middle * kStep;
+    (leavesRoom(*makeReference(smaller), room).empty() ? fits : fails) = middle;
+  }
+  if (fits == 0) return problem + "; no size fits here at this rate and speed";
+  char text[60];
+  std::snprintf(text, sizeof text, "; the largest size that fits is %.2f m", fits * kStep);
+  return problem + text;
 }
 
 }  // namespace ground

@@ -212,15 +212,25 @@ Vector2<double> PredictiveControl::position(const RigidState<double>& measured) 
   }
 }
 
+void PredictiveControl::observe(const Observation& seen) {
+  observer_.countFrom(seen.drive_start);
+  observer_.voltage(seen.given.volts);
+  observer_.measure(seen.stamp, seen.state, seen.pose);
+}
+
+std::string PredictiveControl::objection() const {
+  if (observer_.started()) return "";
+  return "states have no pose as it was measured: who publishes them has to fill in pose and pose_covariance";
+}
+
 Thrusters<double> PredictiveControl::decide(const Observation& seen) {
   budget_.start(params_.deadline);
   wanted_ = Thrusters<double>::zero(forward_.size());
-  observer_.countFrom(seen.drive_start);
-  observer_.voltage(seen.given.volts);
-  observer_.measure(seen.stamp, seen.state);
+  observe(seen);
   const double acts = seen.now + observer_.delay();
   start_ = observer_.at(acts);
-  if (!start_.state.eta.allFinite() || !start_.state.nu.allFinite()) {
+  if (!observer_.started() || !seen.state.eta.allFinite() || !start_.state.eta.allFinite() ||
+      !start_.state.nu.allFinite()) {
     reset();  // restarts with the next state
     return wanted_;
   }

@@ -9,8 +9,6 @@
 namespace ground {
 namespace {
 
-constexpr double kHome = 0.25;  // distance that is home, relative to the nearest wall's
-
 /// CPU time of this thread [s], without that of other threads and processes.
 double processorTime() {
   timespec time;
@@ -27,9 +25,9 @@ ReferencePilot::ReferencePilot(Clock clock, Decided decided, Clock steady)
 
 void ReferencePilot::setCraft(const Model& model) {
   input_max_ = model.body.input_max;
-  push_ = model.body.k / model.body.m;
   nominal_volts_ = model.body.volts;
-  craft_.emplace(model);
+  acceleration_.emplace(model);
+  if (volts_) acceleration_->setVoltage(*volts_);
   thrusters_ = model.thrusters;
 }
 
@@ -42,40 +40,18 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
   obedience_.reset();
   if (!expects_obedience_) return;
   obedience_.emplace(model);
-  obedience_->setPatience(patience_);
   if (volts_) obedience_->voltage(*volts_);
 }
 
 void ReferencePilot::swapReference(ReferencePtr& reference) {
   reference_.swap(reference);
   reference_start_.reset();
-  return_.reset();
-}
-
-void ReferencePilot::goHome(const Room& room, const std::string& why) {
-  const ReferencePtr before = return_ ? return_->before : reference_;
-  reference_ = makePoint(room.home);
-  reference_start_.reset();
-  return_ = Return{room, why, before};
-}
-
-Vector2<double> ReferencePilot::acceleration(const Inputs& inputs) const {
-  if (!craft_) return {0, 0};
-  const Thrusters<double> thrusters =
-      thrusters_->clipped(Thrusters<double>(input_max_ * asVector(inputs.thrusters)), input_max_);
-  const RigidState<double> rest{Vector3<double>::Zero(), Vector3<double>::Zero()};
-  const auto by = [&](const Thrusters<double>& some) -> Vector2<double> {
-    return craft_->derivative(0.0, rest, some, {inputs.lift, volts_}).nu.head<2>();
-  };
-  // An effect may be wrong: it makes the acceleration larger, never smaller.
-  const Vector2<double> plain = push_ * thrusters_->atRest(thrusters).head<2>();
-  const Vector2<double> whole = by(thrusters) - by(Thrusters<double>::zero(thrusters.size()));
-  return whole.allFinite() && whole.norm() > plain.norm() ? whole : plain;
 }
 
 void ReferencePilot::voltage(double volts) {
   if (!isPlausibleVoltage(volts, nominal_volts_)) return;
   volts_ = volts;
+  if (acceleration_) acceleration_->setVoltage(volts);
   if (obedience_) obedience_->voltage(volts);
 }
 
@@ -89,15 +65,21 @@ void ReferencePilot::commanded(double time, const Inputs& inputs) {
 }
 
 void ReferencePilot::activate(double) {
-  if (return_) reference_ = return_->before;
-  return_.reset();
   reference_start_.reset();
   controller_->reset();
   if (obedience_) obedience_->reset();
 }
 
+void ReferencePilot::observe(const MeasuredState& measured) {
+  pose_ = measured.pose;
+  controller_->observe(observation(measured.stamp, measured.state, lift_));
+}
+
 std::string ReferencePilot::objection(const MeasuredState& measured) {
   const double stamp = measured.stamp;
+  observe(measured);
+  const std::string objection = controller_->objection();
+  if (!objection.empty()) return objection;
   if (!reference_start_) {
     reference_start_ = stamp;
     watch_.restart();
@@ -107,26 +89,33 @@ std::string ReferencePilot::objection(const MeasuredState& measured) {
     const std::string instead = obedience_->disobedience(kDisobedient);
     if (!instead.empty()) return "the craft does not follow its commands: " + instead;
   }
-  if (return_) {
-    const Room& room = return_->room;
-    const Vector2<double> rest = Fence(room, room.margin).stoppingPoint(measured.state, 0);
-    const bool arrived = (rest - room.home).norm() < kHome * room.clearance(room.home);
-    return arrived ? "the craft is home: " + return_->why : "";
-  }
   const double error = (controller_->position(measured.state) - at(stamp).p).norm();
   return watch_.look(std::max(0.0, stamp - *reference_start_), error);
 }
 
 Inputs ReferencePilot::update(double, double stamp, const RigidState<double>& state, double lift) {
   const double before = processorTime();
-  const double now = std::max(stamp, clock_());
-  Thrusters<double> inputs = controller_->decide(
-      {now, stamp, state, reference_.get(), *reference_start_, {lift, volts_}, drive_.origin(now)});
+  lift_ = lift;
+  const Observation seen = observation(stamp, state, lift);
+  const double now = seen.now;
+  Thrusters<double> inputs = controller_->decide(seen);
   asVector(inputs) /= input_max_;
   Thrusters<double> wanted = controller_->wanted();
   asVector(wanted) /= input_max_;
   decided_({now, stamp, at(stamp), inputs, wanted, processorTime() - before});
   return {inputs, lift};
+}
+
+Observation ReferencePilot::observation(double stamp, const RigidState<double>& state, double lift) const {
+  const double now = std::max(stamp, clock_());
+  return {now,
+          stamp,
+          state,
+          reference_.get(),
+          reference_start_.value_or(stamp),
+          {lift, volts_},
+          drive_.origin(now),
+          pose_};
 }
 
 ReferencePoint ReferencePilot::at(double stamp) const {

@@ -15,6 +15,29 @@ namespace {
 
 constexpr double kLongestStep = 0.01;  // [s]
 constexpr double kObserverGap = 1.0;   // a longer gap between measurements restarts it [s]
+// Biases of the sensors at first [m/s^2], [rad/s], and their drift [m/s^2.5], [rad/s^1.5].
+constexpr double kPushBias = 0.2, kTurnBias = 0.02;
+constexpr double kPushBiasDrift = 2e-3, kTurnBiasDrift = 1e-4;
+constexpr double kSameSpan = 1e-3;       // largest difference of equal times [s]
+constexpr double kNoAcceleration = 1e6;  // variance of an acceleration that says nothing [m^2/s^4]
+
+/// The specific force of a motion from one measured velocity to another one, in the body frame: its mean, and
+/// the derivatives by both velocities.
+struct SpecificForce {
+  SpecificForce(const Vector3<double>& before, const Vector3<double>& after, double h) {
+    const Vector3<double> mean = 0.5 * (before + after);
+    const Vector2<double> turned(-mean.y(), mean.x());
+    value = (after - before).head<2>() / h + mean.z() * turned;
+    Eigen::Matrix2d quarter;
+    quarter << 0, -1, 1, 0;
+    const Eigen::Matrix2d turning = 0.5 * mean.z() * quarter;
+    by_before << turning - Eigen::Matrix2d::Identity() / h, 0.5 * turned;
+    by_after << turning + Eigen::Matrix2d::Identity() / h, 0.5 * turned;
+  }
+
+  Vector2<double> value;
+  Eigen::Matrix<double, 2, 3> by_before, by_after;
+};
 
 }  // namespace
 
@@ -29,6 +52,7 @@ DisturbanceObserver::DisturbanceObserver(const Model& model, const ObserverParam
 void DisturbanceObserver::reset() {
   started_ = false;
   estimate_ = Estimate();
+  bias_.setZero();
   noise_.setZero();
   transition_.setIdentity();
 }
@@ -73,37 +97,39 @@ void DisturbanceObserver::settle() {
   });
 }
 
-void DisturbanceObserver::begin(double time, const RigidState<double>& measured) {
+void DisturbanceObserver::begin(double time, const RigidState<double>& state,
+                                const PoseMeasurement& measured) {
   started_ = true;
   time_ = time;
-  estimate_.state = measured;
+  estimate_.state = state;
   try {
     // The state of the craft's centre, not of the tracked point.
-    estimate_.state = stateSeenAs(derivatives_, {measured.eta, measured.nu});
+    estimate_.state = stateSeenAs(derivatives_, {state.eta, state.nu});
   } catch (const std::runtime_error&) {
     // Starts with the measurement; corrections converge to the state.
   }
   settle();
-  Vector9 deviation;
-  deviation << params_.position_noise, params_.position_noise, params_.heading_noise, 0.05, 0.05, 0.2,
-      params_.push_drift, params_.push_drift, params_.twist_drift;
+  Vector deviation;
+  deviation << measured.covariance.diagonal().cwiseSqrt(), 0.05, 0.05, 0.2, params_.push_drift,
+      params_.push_drift, params_.twist_drift, kPushBias, kPushBias, kTurnBias;
   covariance_ = deviation.array().square().matrix().asDiagonal();
-  deviation.tail<3>().setZero();
+  deviation.tail<6>().setZero();
   noise_ = deviation.array().square().matrix().asDiagonal();
   transition_.setIdentity();
 }
 
-void DisturbanceObserver::measure(double time, const RigidState<double>& measured) {
-  if (started_ && time <= time_) return;
+void DisturbanceObserver::measure(double time, const RigidState<double>& state,
+                                  const PoseMeasurement& measured) {
+  if (!measured.eta.allFinite() || (started_ && time <= time_)) return;
   if (!started_ || time - time_ > kObserverGap) {
-    begin(time, measured);
+    begin(time, state, measured);
     return;
   }
-  predict(time);
-  correct(measured.eta);
+  predict(time, measured.inertial);
+  correct(measured);
 }
 
-void DisturbanceObserver::predict(double until) {
+void DisturbanceObserver::predict(double until, const std::optional<InertialMeasurement>& inertial) {
   // Derivatives by psi, nu and the missing acceleration. Those by x and y are neglected.
   constexpr int kPsi = 0, kNu = 1, kMissing = 4;
   RigidState<Jet> state{estimate_.state.eta.cast<Jet>(), estimate_.state.nu.cast<Jet>()};
@@ -115,53 +141,109 @@ void DisturbanceObserver::predict(double until) {
     state.nu(i).v[kNu + i] = 1;
     missing(i).v[kMissing + i] = 1;
   }
+  const Velocity before = velocity(estimate_.state);
   replay(time_, until, [&](double t, double h, const Command& c) {
     const StepInputs<Jet> acting =
         derivatives_.actuate(c.thrusters.cast<Jet>(), {c.lift, volts_}, Jet(h), effects.data());
     state = pushedStep(derivatives_, Jet(t - origin_), state, acting, missing, h);
   });
-  Matrix9 F = Matrix9::Identity();
+  Matrix F = Matrix::Identity();
   for (int i = 0; i < 3; ++i) {
     estimate_.state.eta(i) = state.eta(i).a;
     estimate_.state.nu(i) = state.nu(i).a;
-    F.row(i).tail<7>() = state.eta(i).v.head<7>().transpose();
-    F.row(3 + i).tail<7>() = state.nu(i).v.head<7>().transpose();
+    F.row(i).segment<7>(2) = state.eta(i).v.head<7>().transpose();
+    F.row(3 + i).segment<7>(2) = state.nu(i).v.head<7>().transpose();
   }
   for (std::size_t i = 0; i < effects.size(); ++i) estimate_.effects[i] = effects[i].a;
   const double h = until - time_;
   time_ = until;
-  Vector9 noise = Vector9::Zero();
-  noise.segment<6>(3) << params_.push, params_.push, params_.twist, params_.push_drift, params_.push_drift,
-      params_.twist_drift;
+  Vector density;
+  density << 0, 0, 0, params_.push, params_.push, params_.twist, params_.push_drift, params_.push_drift,
+      params_.twist_drift, kPushBiasDrift, kPushBiasDrift, kTurnBiasDrift;
+  const Vector noise = h * density.array().square();
+  if (inertial) {
+    feel(*inertial, before, h, F, noise);
+    return;
+  }
   transition_ = F.topLeftCorner<6, 6>();
   noise_ = (F * noise_ * F.transpose()).eval();
   covariance_ = (F * covariance_ * F.transpose()).eval();
-  covariance_.diagonal() += h * noise.array().square().matrix();
+  covariance_.diagonal() += noise;
 }
 
-void DisturbanceObserver::correct(const Vector3<double>& eta) {
+/// The measured velocity of a state and its derivatives by nu.
+DisturbanceObserver::Velocity DisturbanceObserver::velocity(const RigidState<double>& at) const {
+  RigidState<Jet> state{at.eta.cast<Jet>(), at.nu.cast<Jet>()};
+  for (int i = 0; i < 3; ++i) state.nu(i).v[i] = 1;
+  const Measurement<Jet> seen = derivatives_.measure(state);
+  Velocity found;
+  for (int i = 0; i < 3; ++i) {
+    found.value(i) = seen.nu(i).a;
+    found.by_nu.row(i) = seen.nu(i).v.head<3>().transpose();
+  }
+  return found;
+}
+
+/// Completes a prediction over h with derivatives F and variances `noise` of its random part. What is
+/// measured depends on the state before and on the random part, both of which it therefore corrects.
+void DisturbanceObserver::feel(const InertialMeasurement& measured, const Velocity& before, double h,
+                               const Matrix& F, const Vector& noise) {
+  const Velocity after = velocity(estimate_.state);
+  const SpecificForce force(before.value, after.value, h);
+  Eigen::Matrix<double, 3, 3> by_after, by_before = Matrix3<double>::Zero();
+  by_after << force.by_after * after.by_nu, after.by_nu.row(2);
+  by_before.topRows<2>() = force.by_before * before.by_nu;
+  Vector3<double> off;
+  off << measured.acceleration - force.value, measured.yaw_rate - after.value.z();
+  off -= bias_;
+  Vector3<double> R = measured.variance;
+  // A state between the poses was lost: the mean acceleration is not that of the whole prediction.
+  if (std::abs(h - measured.span) > kSameSpan) R.head<2>().setConstant(kNoAcceleration);
+  Eigen::Matrix<double, 3, kStates> D = by_after * F.middleRows<3>(3);
+  D.middleCols<3>(3) += by_before;
+  D.rightCols<3>().setIdentity();
+  const Matrix3<double> by_random = by_after * noise.segment<3>(3).asDiagonal();
+  Gain cross = F * covariance_ * D.transpose();
+  cross.middleRows<3>(3) += by_random.transpose();
+  Matrix3<double> S = D * covariance_ * D.transpose() + by_random * by_after.transpose();
+  S.diagonal() += R;
+  const Gain K = S.llt().solve(Eigen::Matrix<double, 3, kStates>(cross.transpose())).transpose();
+  apply(K * off);
+  const Matrix rest = F - K * D;
+  Matrix random = Matrix::Identity();
+  random.middleCols<3>(3) -= K * by_after;
+  const Matrix by_sensors = K * R.asDiagonal() * K.transpose();
+  transition_ = rest.topLeftCorner<6, 6>();
+  noise_ = (rest * noise_ * rest.transpose() + by_sensors).eval();
+  covariance_ =
+      (rest * covariance_ * rest.transpose() + random * noise.asDiagonal() * random.transpose() + by_sensors)
+          .eval();
+}
+
+void DisturbanceObserver::apply(const Vector& change) {
+  estimate_.state.eta += change.head<3>();
+  estimate_.state.nu += change.segment<3>(3);
+  estimate_.missing += change.segment<3>(6);
+  bias_ += change.tail<3>();
+}
+
+void DisturbanceObserver::correct(const PoseMeasurement& measured) {
   RigidState<Jet> state{estimate_.state.eta.cast<Jet>(), estimate_.state.nu.cast<Jet>()};
   for (int i = 0; i < 3; ++i) state.eta(i).v[i] = 1;
   const Measurement<Jet> seen = derivatives_.measure(state);
-  Eigen::Matrix<double, 3, 9> H = Eigen::Matrix<double, 3, 9>::Zero();
+  Eigen::Matrix<double, 3, kStates> H = Eigen::Matrix<double, 3, kStates>::Zero();
   Vector3<double> off;
   for (int i = 0; i < 3; ++i) {
     H.row(i).head<3>() = seen.eta(i).v.head<3>().transpose();
-    off(i) = eta(i) - seen.eta(i).a;
+    off(i) = measured.eta(i) - seen.eta(i).a;
   }
   off.z() = wrapAngle(off.z());
-  const Vector3<double> noise(params_.position_noise, params_.position_noise, params_.heading_noise);
-  Matrix3<double> S = H * covariance_ * H.transpose();
-  S.diagonal() += noise.array().square().matrix();
-  const Eigen::Matrix<double, 9, 3> K =
-      S.llt().solve(Eigen::Matrix<double, 3, 9>(H * covariance_)).transpose();
-  const Vector9 change = K * off;
-  estimate_.state.eta += change.head<3>();
-  estimate_.state.nu += change.segment<3>(3);
-  estimate_.missing += change.tail<3>();
+  const Matrix3<double> S = H * covariance_ * H.transpose() + measured.covariance;
+  const Gain K = S.llt().solve(Eigen::Matrix<double, 3, kStates>(H * covariance_)).transpose();
+  apply(K * off);
   // Joseph form: keeps the covariance symmetric and positive.
-  const Matrix9 rest = Matrix9::Identity() - K * H;
-  const Matrix9 by_pose = K * noise.array().square().matrix().asDiagonal() * K.transpose();
+  const Matrix rest = Matrix::Identity() - K * H;
+  const Matrix by_pose = K * measured.covariance * K.transpose();
   covariance_ = (rest * covariance_ * rest.transpose() + by_pose).eval();
   noise_ = (rest * noise_ * rest.transpose() + by_pose).eval();
 }

@@ -11,7 +11,9 @@ constexpr double kBiasMemory = 3;    // of biases [s]
 constexpr double kCompared = 0.2;    // over which distances are averaged [s]
 constexpr double kMostDistance = 6;  // mean squared distance of filters that agree
 constexpr double kGyroNoise = 4e-3,
-                 kPushNoise = 0.1;  // of a sample, with what its bias leaves [rad/s], [m/s^2]
+                 kPushNoise = 0.1;       // of a sample, with what its bias leaves [rad/s], [m/s^2]
+constexpr double kMeanPushNoise = 0.05;  // of a mean between poses, whose bias is estimated [m/s^2]
+constexpr double kNoSensor = 1e3;        // deviation of an acceleration that is not measured [m/s^2]
 
 }  // namespace
 
@@ -65,6 +67,7 @@ void InertialFusion::update(double stamp, const Vector3<double>& eta, const Moti
   if (!following_) {
     motion_ = by_poses;
     stamp_ = pose_stamp_ = stamp;
+    beginSpan(stamp, measuredBy(samples_[0]));
     following_ = true;
     return;
   }
@@ -74,26 +77,69 @@ void InertialFusion::update(double stamp, const Vector3<double>& eta, const Moti
     stop("they contradict the poses");
     return;
   }
+  endSpan(stamp, count_ > 1 ? &samples_[1] : nullptr);
   const double dt = std::max(stamp - pose_stamp_, 0.0);
   pose_stamp_ = stamp;
   learnBias(by_poses, dt);
   compare(by_poses, dt);
 }
 
-void InertialFusion::correctBy(const Sample& sample) {
-  const double turn = mounting_.gyro_scale * sample.gyro;
+Vector3<double> InertialFusion::measuredBy(const Sample& sample) const {
   const double up = mounting_.gyro_scale < 0 ? -1 : 1;  // whose frame is left-handed seen from above
   const Vector2<double> force =
       mounting_.acceleration_scale * Vector2<double>(sample.acceleration.x(), up * sample.acceleration.y());
-  motion_.correctBy(2, 1, turn + turn_bias_, kGyroNoise);
-  const Vector2<double> push = atMarkers(Rotation<double>(mounting_.mounting).toWorld(force));
+  Vector3<double> measured;
+  measured << Rotation<double>(mounting_.mounting).toWorld(force), mounting_.gyro_scale * sample.gyro;
+  return measured;
+}
+
+void InertialFusion::correctBy(const Sample& sample) {
+  const Vector3<double> measured = measuredBy(sample);
+  motion_.correctBy(2, 1, measured.z() + turn_bias_, kGyroNoise);
+  const Vector2<double> push = atMarkers(measured.head<2>());
   if (mounting_.acceleration_scale != 0) {
     const Vector2<double> seen = bodyToWorld<double>(motion_.position().z(), push + bias_);
     for (int axis = 0; axis < 2; ++axis) motion_.correctBy(axis, 2, seen(axis), kPushNoise);
   }
-  turns_ += turn;
+  integrate(sample.stamp, measured);
+  turns_ += measured.z();
   pushes_ += push;
   ++summed_;
+}
+
+/// Integrates what is measured, as linear between the samples.
+void InertialFusion::integrate(double stamp, const Vector3<double>& felt) {
+  const double half = 0.5 * (stamp - felt_at_);
+  change_ += half * (felt_ + felt);
+  outward_ += half * (felt_.z() * felt_.z() + felt.z() * felt.z());
+  felt_ = felt;
+  felt_at_ = stamp;
+}
+
+/// Makes measured_ of what was measured between two poses; `next`: the sample after the later one, if it has
+/// come.
+void InertialFusion::endSpan(double stamp, const Sample* next) {
+  Vector3<double> felt = felt_;
+  if (next) felt += (stamp - felt_at_) / (next->stamp - felt_at_) * (measuredBy(*next) - felt_);
+  integrate(stamp, felt);
+  InertialMeasurement& measured = measured_.emplace();
+  measured.span = stamp - pose_stamp_;
+  const double turn = (felt.z() - began_rate_) / measured.span, outward = outward_ / measured.span;
+  const double x = mounting_.ahead, y = mounting_.starboard;
+  measured.acceleration =
+      change_.head<2>() / measured.span + Vector2<double>(outward * x + turn * y, outward * y - turn * x);
+  measured.yaw_rate = felt.z();
+  const double push = mounting_.acceleration_scale == 0 ? kNoSensor : kMeanPushNoise;
+  measured.variance << push * push, push * push, kGyroNoise * kGyroNoise;
+  beginSpan(stamp, felt);
+}
+
+void InertialFusion::beginSpan(double stamp, const Vector3<double>& felt) {
+  felt_at_ = stamp;
+  felt_ = felt;
+  began_rate_ = felt.z();
+  change_.setZero();
+  outward_ = 0;
 }
 
 Vector2<double> InertialFusion::atMarkers(const Vector2<double>& a) const {

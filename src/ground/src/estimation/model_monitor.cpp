@@ -1,8 +1,13 @@
 #include "ground/estimation/model_monitor.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdio>
+#include <limits>
+#include <utility>
 
+#include "ground/model/capability.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/plausibility.h"
 
@@ -12,6 +17,15 @@ namespace {
 constexpr double kInputMemory = 12;  // commands kept before a prediction, for delay and lag [s]
 constexpr double kSlack = 1.5;       // longest prediction, relative to the horizon
 constexpr double kExcited = 10;      // least motion within a horizon, relative to noise
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kUsual = 0.03;  // disturbance of a model without one, as a share of the largest acceleration
+constexpr double kObserverLag = 0.045;  // over which the noise of poses makes a missing acceleration [s]
+constexpr double kFar = 3;  // deviations of the mean missing acceleration that a right model hardly exceeds
+// Times [time scales]
+constexpr double kMean = 0.15;    // of the mean, taken twice; a longer gap begins anew
+constexpr double kFailing = 1.1;  // shortest excess that is a failure; a collision's lasts 0.7
+constexpr double kHolding = 10;   // longest time after which a model that holds again has not failed
 
 /// Squares of the change of position and of heading.
 Vector2<double> squares(const Vector3<double>& change) {
@@ -23,6 +37,64 @@ PoseError root(const Vector2<double>& squares) { return {std::sqrt(squares.x()),
 
 }  // namespace
 
+FailureWatch::FailureWatch(const Model& model) : time_scale_(timeScale(model)) {
+  const Vector2<double> most = capability(model).accelerations(model.body.m, model.body.I_z);
+  const Vector3<double> mass(model.body.m, model.body.m, model.body.I_z), full(most.x(), most.x(), most.y());
+  const Disturbance& known = model.disturbance;
+  usual_ = (kUsual * full).cwiseAbs2();
+  if (!known.empty()) {
+    const Vector3<double> variance = known.sigma.cwiseAbs2() + known.trim.cwiseAbs2() +
+                                     known.white.cwiseAbs2() / (4 * kMean * time_scale_);
+    usual_ = variance.cwiseQuotient(mass.cwiseAbs2()).cwiseMax(0.04 * usual_);
+  }
+  reset();
+}
+
+void FailureWatch::reset() {
+  time_ = -std::numeric_limits<double>::infinity();
+  excess_.setZero();
+  since_.setConstant(kNaN);
+}
+
+void FailureWatch::add(double time, const Vector3<double>& missing, const Vector3<double>& variance,
+                       bool moves) {
+  const double passed = (time - time_) / time_scale_;
+  time_ = time;
+  if (!(passed < kMean)) {
+    once_.setZero();
+    mean_.setZero();
+    return;
+  }
+  const double part = 1 - std::exp(-passed / kMean);
+  once_ += part * (missing - once_);
+  mean_ += part * (once_ - mean_);
+  const double noise = std::pow(std::min(1.0, kObserverLag / (kMean * time_scale_)), 2);
+  for (int i = 0; i < 3; ++i) {
+    const double square = mean_(i) * mean_(i) / (usual_(i) + noise * noise * variance(i));
+    const double by = std::clamp(square / (kFar * kFar) - 1, -1.0, 1.0) * passed;
+    const bool fails = std::isfinite(since_(i));
+    if (excess_(i) == 0) began_(i) = time;
+    if (by > 0 || moves || !fails) excess_(i) = std::clamp(excess_(i) + by, 0.0, kHolding);
+    if (excess_(i) == 0) since_(i) = kNaN;
+    if (!fails && excess_(i) > kFailing) since_(i) = began_(i);
+  }
+}
+
+std::string failureText(const Vector3<double>& since) {
+  constexpr std::array<const char*, 3> kChannels = {"surge", "sway", "yaw"};
+  std::vector<std::pair<double, std::string>> failing;
+  for (int i = 0; i < 3; ++i)
+    if (std::isfinite(since(i))) failing.emplace_back(since(i), kChannels[static_cast<std::size_t>(i)]);
+  std::sort(failing.begin(), failing.end());
+  std::string text;
+  for (const auto& [time, channel] : failing) {
+    char when[32];
+    std::snprintf(when, sizeof when, " since %.1f s", time);
+    text += (text.empty() ? "" : ", ") + channel + when;
+  }
+  return text;
+}
+
 std::string MonitorParams::validate() const {
   if (!(horizon > 0)) return "horizon must be positive";
   if (!(window >= horizon)) return "window must not be shorter than the horizon";
@@ -30,7 +102,7 @@ std::string MonitorParams::validate() const {
 }
 
 ModelMonitor::ModelMonitor(const Model& model, const MonitorParams& params)
-    : model_(model), params_(params), dynamics_(model), observer_(model, params.observer) {}
+    : model_(model), params_(params), dynamics_(model), observer_(model, params.observer), failure_(model) {}
 
 void ModelMonitor::setParams(const MonitorParams& params) {
   params_ = params;
@@ -44,6 +116,7 @@ void ModelMonitor::reset() {
   inputs_.drive = drive;
   samples_.clear();
   scores_.clear();
+  failure_.reset();
   observer_.reset();
 }
 
@@ -85,18 +158,20 @@ Vector2<double> ModelMonitor::noiseAfter(Samples::const_iterator from) const {
   Matrix6 noise = from->noise;
   for (auto next = from + 1; next != samples_.end(); ++next)
     noise = (next->transition * noise * next->transition.transpose()).eval();
-  const double position = params_.observer.position_noise, heading = params_.observer.heading_noise;
-  return {noise(0, 0) + noise(1, 1) + 2 * position * position, noise(2, 2) + heading * heading};
+  noise.topLeftCorner<3, 3>() += samples_.back().pose_noise;
+  return {noise(0, 0) + noise(1, 1), noise(2, 2)};
 }
 
-std::optional<ModelMonitor::Error> ModelMonitor::measure(double time, const RigidState<double>& measured) {
+std::optional<ModelMonitor::Error> ModelMonitor::measure(double time, const RigidState<double>& state,
+                                                         const PoseMeasurement& measured) {
+  if (!measured.eta.allFinite()) return std::nullopt;
   if (!samples_.empty() && time < samples_.back().time) reset();
   if (!samples_.empty() && time == samples_.back().time) return std::nullopt;
   observer_.countFrom(inputs_.drive.origin(time));
-  observer_.measure(time, measured);
+  observer_.measure(time, state, measured);
   const DisturbanceObserver::Estimate estimate = observer_.at(time);
-  samples_.push_back(
-      {time, estimate.state, measured.eta, observer_.noise().topLeftCorner<6, 6>(), observer_.transition()});
+  samples_.push_back({time, estimate.state, measured.eta, measured.covariance,
+                      observer_.noise().topLeftCorner<6, 6>(), observer_.transition()});
   while (time - samples_.front().time > kSlack * params_.horizon) samples_.pop_front();
   const auto from = start(time);
   if (from == samples_.end()) return std::nullopt;
@@ -117,6 +192,13 @@ std::optional<ModelMonitor::Error> ModelMonitor::measure(double time, const Rigi
       squares(measured.eta - from->measured).cwiseMax(squares(error.predicted.eta - from->measured));
   if (hasLift(from->time)) scores_.push_back({time, squares(error.eta), noiseAfter(from), motion});
   pool(time, error);
+  if (const double began = inputs_.drive.origin(time); began != drive_) {
+    drive_ = began;
+    failure_.reset();
+  }
+  if (hasLift(from->time))
+    failure_.add(time, estimate.missing, observer_.noise().diagonal().tail<3>(), error.excited);
+  error.failing_since = failure_.since();
   return error;
 }
 

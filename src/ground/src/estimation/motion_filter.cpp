@@ -76,6 +76,13 @@ bool MotionFilter::correct(const Vector3<double>& eta, const EstimatorParams& pa
   return true;
 }
 
+Matrix3<double> MotionFilter::poseCovariance(const EstimatorParams& params) const {
+  const Vector3<double> way = params.stamp_noise * velocity();
+  Matrix3<double> covariance = way * way.transpose();
+  for (int i = 0; i < 3; ++i) covariance(i, i) += params.noise(i) * params.noise(i);
+  return covariance;
+}
+
 void IntervalScatter::add(double dt) {
   const double clipped = count_ < kFirst ? dt : std::min(dt, kGap * mean_);
   count_ = std::min(count_ + 1, kMemory);

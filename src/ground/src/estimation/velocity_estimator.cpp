@@ -50,6 +50,7 @@ void VelocityEstimator::reset() {
 
 const StateEstimate& VelocityEstimator::reject(const char* why) {
   estimate_.used = estimate_.ignored = false;
+  estimate_.pose = PoseMeasurement();
   rejected_ = std::min(rejected_ + 1, kMaxRejected + 1);
   estimate_.valid = estimate_.valid && rejected_ <= kMaxRejected;
   estimate_.status = why;
@@ -86,6 +87,7 @@ const StateEstimate& VelocityEstimator::update(double stamp, const Vector3<doubl
   used_stamp_ = stamp;
   rejected_ = std::max(rejected_ - 1, 0);
   jump_.clear();
+  estimate_.pose = {eta, filter_.poseCovariance(params_), inertial_.measurement()};
   estimate_.used = true;
   estimate_.ignored = false;
   estimate_.valid = accepted_ >= kMinAccepted;

@@ -7,7 +7,6 @@
 #include <limits>
 #include <stdexcept>
 
-#include "checks.h"
 #include "filter_steps.h"
 
 namespace ground::detail {

@@ -1,11 +1,11 @@
 #include "estimates.h"
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <algorithm>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
 #include <limits>
-
-#include "dense_algebra.h"
 
 namespace ground::detail {
 
@@ -17,16 +17,18 @@ Identifiable identifiableBy(const Eigen::MatrixXd& information) {
   const auto informed = diagonal.array() > kMinInformation * diagonal.maxCoeff();
   const Eigen::VectorXd unit = informed.select(diagonal.cwiseMax(0).cwiseSqrt().cwiseInverse(), 0.0);
   const Eigen::VectorXd size = informed.select(unit, 1.0);
-  const Spectrum even = spectrumOf(unit.asDiagonal() * information * unit.asDiagonal());
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> even(unit.asDiagonal() * information *
+                                                            unit.asDiagonal());
   Eigen::Index first = 0;  // first identifiable direction
-  while (first < n && !(even.values(first) > kMinEigenvalue * even.values(n - 1))) ++first;
+  while (first < n && !(even.eigenvalues()(first) > kMinEigenvalue * even.eigenvalues()(n - 1))) ++first;
   Identifiable found;
   for (Eigen::Index i = 0; i < n; ++i)
-    found.parameter.push_back(even.vectors.row(i).head(first).squaredNorm() < kMaxParticipation);
-  const Eigen::VectorXd values = even.values.tail(n - first);
-  found.directions =
-      size.asDiagonal() * even.vectors.rightCols(n - first) * values.cwiseSqrt().cwiseInverse().asDiagonal();
-  found.null_space = orthonormalised(size.asDiagonal() * even.vectors.leftCols(first));
+    found.parameter.push_back(even.eigenvectors().row(i).head(first).squaredNorm() < kMaxParticipation);
+  const Eigen::VectorXd values = even.eigenvalues().tail(n - first);
+  found.directions = size.asDiagonal() * even.eigenvectors().rightCols(n - first) *
+                     values.cwiseSqrt().cwiseInverse().asDiagonal();
+  const Eigen::MatrixXd flat = size.asDiagonal() * even.eigenvectors().leftCols(first);
+  found.null_space = flat.householderQr().householderQ() * Eigen::MatrixXd::Identity(n, first);
   found.log_determinant = values.array().log().sum() - 2 * size.array().log().sum();
   return found;
 }

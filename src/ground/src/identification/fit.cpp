@@ -7,7 +7,6 @@
 #include <stdexcept>
 #include <string>
 
-#include "checks.h"
 #include "estimates.h"
 #include "linearisation.h"
 #include "uncertainty.h"
@@ -104,6 +103,13 @@ Initials initialsAt(const std::vector<double>& scaled, const Linearisation& wind
   none.base = free.coordinates(scaled.data());
   const double delta = options.width > 0 ? options.width : kInfinity;
   return minimiseLoss(windows, none, delta, kTolerance, options.max_iterations, {{}, measured}).initial;
+}
+
+void checkInitials(const SimulationError& problem, const Initials& initial) {
+  bool fits = initial.size() == problem.windows().size();
+  for (const Eigen::VectorXd& state : initial)
+    fits = fits && state.size() == problem.initialSize() && state.allFinite();
+  if (!fits) throw std::invalid_argument("the initial states are not those of the windows");
 }
 
 /// The weight of what is known beforehand at the start of a fit, where the residuals are largest: a fit comes

@@ -4,7 +4,9 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
+
+#include "filter_steps.h"
+#include "ground/model/random_wrench.h"
 
 namespace ground::detail {
 namespace {
@@ -34,38 +36,11 @@ class Normal {
   std::normal_distribution<double> normal_;
 };
 
-/// Change of the random wrench over the step to the next sample.
-struct WrenchStep {
-  double dt;                     ///< [s]
-  Vector3<double> left;          ///< fraction of the Ornstein-Uhlenbeck wrench that remains
-  Vector3<double> fresh;         ///< standard deviation of its random change [N], [N m]
-  Vector3<double> white;         ///< standard deviation of the white wrench's impulse [N s], [N m s]
-  double left_room, fresh_room;  ///< the same of the force in the room
-};
-
-/// The steps to the samples after `first`.
-std::vector<WrenchStep> wrenchSteps(const RunData& run, const DisturbanceLevels& levels, int first,
-                                    int last) {
-  std::vector<WrenchStep> steps;
-  for (int k = first; k < last; ++k) {
-    const auto at = static_cast<std::size_t>(k);
-    WrenchStep step;
-    step.dt = run.times[at + 1] - run.times[at];
-    for (int i = 0; i < 3; ++i) {
-      step.left(i) = std::exp(-step.dt / levels.time(i));
-      step.fresh(i) = levels.sigma(i) * std::sqrt(1 - step.left(i) * step.left(i));
-      step.white(i) = std::sqrt(step.dt) * levels.white(i);
-    }
-    step.left_room = std::exp(-step.dt / levels.time_room);
-    step.fresh_room = levels.sigma_room * std::sqrt(1 - step.left_room * step.left_room);
-    steps.push_back(step);
-  }
-  return steps;
-}
+using Processes = Random::Processes;
 
 /// Draws one motion; a row of x, y, psi, u, v, r for each sample from the first on.
-void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& steps,
-                const FilterVector& from, int first, Normal& normal, Eigen::Ref<Eigen::MatrixXd> rows) {
+void drawMotion(const RunData& run, Model model, const Random& random, const FilterVector& from, int first,
+                Normal& normal, Eigen::Ref<Eigen::MatrixXd> rows) {
   model.body.k *= std::max(0.0, 1 + from(kThrust));
   const Dynamics<double> dynamics(model, run.payload);
   const Matrix3<double> mobility = dynamics.mass().inverse();
@@ -73,32 +48,24 @@ void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& 
   Simulation<double> simulation(dynamics, run.inputs, {from.head<3>(), from.segment<3>(3)},
                                 run.times[static_cast<std::size_t>(first)], 2 * dynamics.longestStep(),
                                 &measured);
-  Vector3<double> slow = from.segment<3>(kSlow);  // the Ornstein-Uhlenbeck wrench
-  Vector2<double> room = from.segment<2>(kRoom);  // the Ornstein-Uhlenbeck force in the room
+  Processes slow = from.segment<kProcesses>(kSlow).array();  // Ornstein-Uhlenbeck: X, Y, N, room x, room y
   const auto see = [&](Eigen::Index row) {
     const Measurement<double> seen = simulation.measure();
     rows.row(row) << seen.eta.transpose(), seen.nu.transpose();
   };
   see(0);
-  for (std::size_t k = 0; k < steps.size(); ++k) {
-    const WrenchStep& step = steps[k];
-    const Vector3<double> next = step.left.cwiseProduct(slow) + step.fresh.cwiseProduct(normal.vector<3>());
-    const Vector2<double> next_room = step.left_room * room + step.fresh_room * normal.vector<2>();
-    const Vector3<double> impulse = step.dt * (from.segment<3>(kConstant) + 0.5 * (slow + next)) +
-                                    step.white.cwiseProduct(normal.vector<3>());
-    const Vector2<double> in_room = 0.5 * step.dt * (room + next_room);
+  const double* time = &run.times[static_cast<std::size_t>(first)];
+  for (Eigen::Index row = 1; row < rows.rows(); ++row, ++time) {
+    const double dt = time[1] - time[0];
+    const Random::Step step = random.over(dt);
+    const Processes next = step.left * slow + step.added.sqrt() * normal.vector<kProcesses>().array();
+    const Processes mean = 0.5 * dt * (slow + next);
+    const Vector3<double> impulse =
+        dt * from.segment<3>(kConstant) + mean.head<3>().matrix() +
+        std::sqrt(dt) * random.white.sqrt().matrix().cwiseProduct(normal.vector<3>());
     slow = next;
-    room = next_room;
-    const auto push = [&] {  // half of the impulse
-      RigidState<double>& at = simulation.state();
-      Vector3<double> sum = impulse;
-      sum.head<2>() += worldToBody(at.eta.z(), in_room);
-      at.nu += 0.5 * mobility * sum;
-    };
-    push();
-    simulation.advance(run.times[static_cast<std::size_t>(first) + k + 1]);
-    push();
-    see(static_cast<Eigen::Index>(k + 1));
+    advancePushed(simulation, time[1], mobility, impulse, mean.tail<2>().matrix());
+    see(row);
   }
 }
 
@@ -111,10 +78,10 @@ Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
   const Eigen::Index count = last - first + 1;
   const auto draws = static_cast<Eigen::Index>(models.size());
   std::vector<FilterMatrix> roots;
-  std::vector<std::vector<WrenchStep>> steps;
+  std::vector<Random> levels;
   for (const Alternative& one : alternatives) {
     roots.push_back(rootOf(one.belief.covariance));
-    steps.push_back(wrenchSteps(run, one.levels, first, last));
+    levels.emplace_back(one.levels, run.noise);
   }
   Eigen::MatrixXd drawn(count, 6 * draws);  // channels of a draw beside each other
   Normal normal(random);
@@ -129,7 +96,7 @@ Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
     FilterVector from = one.belief.mean + roots[at] * normal.vector<kFilterStates>();
     if (model.away.size() > 0) from += sensitivity * model.away;
     auto rows = drawn.middleCols(6 * i, 6);
-    drawMotion(run, model.model, steps[at], from, first, normal, rows);
+    drawMotion(run, model.model, levels[at], from, first, normal, rows);
     // Bands are computed row by row, so one draw of the noise for all rows keeps them smooth.
     Eigen::Matrix<double, 6, 1> noise;
     noise << one.levels.position * run.noise(0), one.levels.position * run.noise(1),

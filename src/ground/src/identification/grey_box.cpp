@@ -6,8 +6,6 @@
 #include <random>
 #include <stdexcept>
 
-#include "checks.h"
-#include "dense_algebra.h"
 #include "estimates.h"
 #include "forecast.h"
 #include "likelihood_maximiser.h"
@@ -120,8 +118,6 @@ void GreyBox::check(const GreyBoxPoint& point, double cap) const {
   if (!(cap > 0)) throw std::invalid_argument("the cap of distances must be positive");
 }
 
-GreyBox::~GreyBox() = default;
-
 GreyBoxPoint GreyBox::start(const Model& model) const {
   GreyBoxPoint point{model, prior_.median, {}};
   point.levels.sigma *= 5;
@@ -172,13 +168,14 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit, const Gre
     slopes.col(c) = (more.variance() - less.variance()) / (2 * kStep);
     lost(c) = (less.log_determinant - more.log_determinant) / (2 * kStep);
   }
+  const auto inverse = fit.level_information.ldlt();
   // Fitted levels are biased low, because the parameters also fit part of the disturbance: one
   // Newton step to the maximum of the restricted likelihood (Patterson and Thompson 1971).
-  const Eigen::VectorXd away = 0.5 * solveSymmetric(fit.level_information, lost);
+  const Eigen::VectorXd away = 0.5 * inverse.solve(lost);
   const Identifiable known = at(away);
   const Eigen::VectorXd variance = known.variance();
   // Satterthwaite (1946): twice the squared variance over the variance of the estimated variance.
-  const Eigen::MatrixXd doubt = slopes * solveSymmetric(fit.level_information, slopes.transpose());
+  const Eigen::MatrixXd doubt = slopes * inverse.solve(slopes.transpose());
   constexpr double kMinFreedom = 3, kMaxFreedom = 1e6;  // degrees of freedom
   Eigen::VectorXd quantile(variance.size());
   for (Eigen::Index i = 0; i < variance.size(); ++i)

@@ -6,9 +6,9 @@
 #include <numeric>
 #include <optional>
 #include <set>
+#include <stdexcept>
 #include <vector>
 
-#include "dense_algebra.h"
 #include "projected_step.h"
 
 namespace ground::detail {
@@ -131,6 +131,8 @@ class Maximiser {
     Eigen::MatrixXd damped = information_;
     damped.diagonal() = (1 + damping) * damped.diagonal().array() + 1e-9 + 1e-6 * damping;
     const Eigen::VectorXd step = projectedStep(damped, -score_, lower_ - point_.theta, upper_ - point_.theta);
+    // where all poses count as outliers, nothing holds the filter, and derivatives grow without bound
+    if (!step.allFinite()) throw std::runtime_error("the derivatives of the likelihood are not finite");
     Step result = stepBy(step, score_, information_);
     result.to.theta += step;
     result.to.at.model = modelAt(point_.at.model, free_, result.to.theta.data());
@@ -174,7 +176,7 @@ class Maximiser {
   Step stepLevels(double damping) const {
     Eigen::MatrixXd damped = level_information_;
     damped.diagonal() *= 1 + damping;
-    Eigen::VectorXd step = solveSymmetric(damped, level_score_);
+    Eigen::VectorXd step = damped.ldlt().solve(level_score_);
     Step result = stepBy(step, level_score_, level_information_);
     for (Eigen::Index i = 0; i < step.size(); ++i) {
       // A scoring step of the logarithm changes the variance by the factor 1 + 2 step.

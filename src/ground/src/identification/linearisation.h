@@ -4,7 +4,6 @@
 #include <functional>
 #include <vector>
 
-#include "initial_states.h"
 #include "normal_equations.h"
 #include "window_residuals.h"
 

@@ -25,14 +25,6 @@ WindowResiduals::WindowResiduals(int rows, int count)
       passes((count + kDerivatives - 1) / kDerivatives, std::vector<Derivatives>(rows)),
       columns(count) {}
 
-Eigen::MatrixXd WindowResiduals::derivatives() const {
-  Eigen::MatrixXd all(columns > 0 ? residuals.size() : 0, columns);
-  for (Eigen::Index row = 0; row < all.rows(); ++row)
-    for (int column = 0; column < columns; ++column)
-      all(row, column) = passes[column / kDerivatives][row][column % kDerivatives];
-  return all;
-}
-
 bool WindowResiduals::finite() const {
   Derivatives sum = Derivatives::zero();
   for (const std::vector<Derivatives>& pass : passes)

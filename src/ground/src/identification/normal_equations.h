@@ -37,8 +37,6 @@ struct WindowResiduals {
   int columns = 0;  ///< number of derivatives: by the free parameters, then by the initial state
 
   WindowResiduals(int rows, int columns);
-  /// The derivatives, a row for each residual.
-  Eigen::MatrixXd derivatives() const;
   bool finite() const;
 };
 

@@ -1,8 +1,7 @@
 #include "projected_step.h"
 
+#include <Eigen/Cholesky>
 #include <vector>
-
-#include "dense_algebra.h"
 
 namespace ground::detail {
 
@@ -21,7 +20,7 @@ Eigen::VectorXd minimumBeside(const std::vector<bool>& held, Eigen::MatrixXd A, 
     A(i, i) = 1;
     right(i) = at(i);
   }
-  return solveSymmetric(A, right);
+  return A.ldlt().solve(right);
 }
 
 }  // namespace

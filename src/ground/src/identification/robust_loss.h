@@ -20,14 +20,6 @@ using Weigh =
 struct RobustLoss {
   double delta = kInfinity;
 
-  /// f(r).
-  double operator()(double r) const { return r * factor(r); }
-  /// f'(r).
-  double derivative(double r) const {
-    if (std::isinf(delta)) return 1;
-    const double root = std::sqrt(1 + r * r / (delta * delta)), f = factor(r);
-    return r == 0 ? 1 : f * (1 - (root - 1) / (2 * root));
-  }
   /// See Weigh: f'^2, f f', f^2. The compiler vectorises the loops, which have no branches.
   void weigh(const double* residuals, int count, double* weight, double* product, double* loss) const {
     const double over = 1 / (delta * delta);
@@ -64,11 +56,6 @@ struct RobustLoss {
   double curvature(double r, double width) const {
     const double square = 1 + r * r / (width * width);
     return std::isinf(delta) ? 1 : delta / width / (square * std::sqrt(square));
-  }
-
- private:
-  double factor(double r) const {
-    return std::isinf(delta) ? 1 : std::sqrt(2 / (1 + std::sqrt(1 + r * r / (delta * delta))));
   }
 };
 

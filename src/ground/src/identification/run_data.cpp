@@ -2,10 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <stdexcept>
-
-#include "checks.h"
 
 namespace ground {
 namespace {
@@ -49,23 +46,6 @@ void checkRun(const RunData& run) {
   require(inertial.noise.allFinite() && inertial.noise.minCoeff() > 0 && inertial.place.allFinite(),
           "the noise of inertial samples must be positive and finite, their place finite");
 }
-
-namespace detail {
-
-void checkFree(const RunData& run) {
-  checkRun(run);
-  if (run.wrench.rows() > 0) throw std::invalid_argument(run.name + ": only GreyBox takes a known wrench");
-}
-
-std::string notFinite(const RunData& run, const Window& window) {
-  std::ostringstream out;
-  out << "the model's motion is not finite in " << run.name << " from "
-      << run.times[static_cast<std::size_t>(window.first)] << " to "
-      << run.times[static_cast<std::size_t>(window.last)] << " s";
-  return out.str();
-}
-
-}  // namespace detail
 
 std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to, double length,
                                std::optional<double> max_gap) {

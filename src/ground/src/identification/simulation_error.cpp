@@ -2,9 +2,6 @@
 
 #include <stdexcept>
 
-#include "checks.h"
-#include "initial_states.h"
-#include "simulation_error_data.h"
 #include "window_least_squares.h"
 #include "window_residuals.h"
 

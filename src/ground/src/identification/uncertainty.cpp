@@ -1,9 +1,9 @@
 #include "uncertainty.h"
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
-
-#include "dense_algebra.h"
 
 namespace ground::detail {
 namespace {
@@ -21,7 +21,8 @@ NormalEquations reduced(const NormalEquations& whole, Eigen::Index k) {
   const Eigen::Index n = b.size() - k;
   Eigen::MatrixXd coupling(k, n + 1);  // to the parameters, and to the residuals
   coupling << A.bottomLeftCorner(k, n), b.tail(k);
-  const Eigen::MatrixXd follows = A.topRightCorner(n, k) * leastSquares(A.bottomRightCorner(k, k), coupling);
+  const Eigen::MatrixXd follows =
+      A.topRightCorner(n, k) * A.bottomRightCorner(k, k).completeOrthogonalDecomposition().solve(coupling);
   NormalEquations result = NormalEquations::zero(n);
   result.A = A.topLeftCorner(n, n) - follows.leftCols(n);
   result.b = b.head(n) - follows.col(n);
@@ -136,12 +137,12 @@ Uncertainty uncertainty(const Linearisation& windows, const Free& free, const So
   for (int b = 0; b < result.blocks; ++b) {
     const Eigen::MatrixXd A = along.transpose() * (whole.A + changes[b].A) * along;
     const Eigen::VectorXd s = along.transpose() * (whole.b + changes[b].b);
-    steps.col(b) = along * leastSquares(A, s);
+    steps.col(b) = along * A.completeOrthogonalDecomposition().solve(s);
   }
   const Eigen::MatrixXd centred = steps.colwise() - steps.rowwise().mean();
   result.covariance = (result.blocks - 1.0) / result.blocks * centred * centred.transpose();
-  const Eigen::MatrixXd inverse =
-      along * leastSquares(along.transpose() * whole.A * along, Eigen::MatrixXd(along.transpose()));
+  const Eigen::MatrixXd within = along.transpose() * whole.A * along;
+  const Eigen::MatrixXd inverse = along * within.completeOrthogonalDecomposition().solve(along.transpose());
   result.shifts = free.weight * inverse * free.precision.cwiseSqrt().asDiagonal();
   result.covariance += result.shifts * result.shifts.transpose();
   return result;
@@ -173,7 +174,7 @@ Eigen::MatrixXd correlationOf(const Uncertainty& u, const Free& free) {
 }
 
 double conditionOf(const Uncertainty& u) {
-  const Eigen::VectorXd values = spectrumOf(u.information).values;
+  const Eigen::VectorXd values = u.information.selfadjointView<Eigen::Lower>().eigenvalues();
   return values(0) > 0 ? values(values.size() - 1) / values(0) : kInfinity;
 }
 

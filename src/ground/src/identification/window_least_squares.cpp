@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dense_algebra.h"
 #include "projected_step.h"
 
 namespace ground::detail {
@@ -93,7 +92,7 @@ class WindowLeastSquares {
       right << A.bottomLeftCorner(k, n_), b.tail(k);
       Matrix C = A.bottomRightCorner(k, k);
       C.diagonal() *= 1 + damping;
-      elimination_[w] = solveSymmetric(C, right);
+      elimination_[w] = C.ldlt().solve(right);
       const Matrix eliminated = A.topRightCorner(n_, k) * elimination_[w];
       reduced += A.topLeftCorner(n_, n_) - eliminated.leftCols(n_);
       gradient += b.head(n_) - eliminated.col(n_);
@@ -196,7 +195,7 @@ Solution restoreUnidentifiable(const Linearisation& windows, const Free& free,
     along.row(j) = null_space.row(i);
   }
   if (away.isZero(0)) return found;
-  const Vector moved = null_space * leastSquares(along, away);
+  const Vector moved = null_space * along.completeOrthogonalDecomposition().solve(away);
   Solution from = found;
   for (std::size_t i = 0; i < from.scaled.size(); ++i)
     from.scaled[i] = std::clamp(found.scaled[i] + moved(static_cast<Eigen::Index>(i)),

@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "free_parameters.h"
-#include "initial_states.h"
 #include "linearisation.h"
 #include "robust_loss.h"
 

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <sstream>
 #include <stdexcept>
 
-#include "checks.h"
-#include "simulation_error_data.h"
+#include "ground/model/measurement.h"
 
 namespace ground::detail {
 namespace {
@@ -102,32 +102,83 @@ WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
   return result;
 }
 
+void checkFree(const RunData& run) {
+  checkRun(run);
+  if (run.wrench.rows() > 0) throw std::invalid_argument(run.name + ": only GreyBox takes a known wrench");
+}
+
+std::string notFinite(const RunData& run, const Window& window) {
+  std::ostringstream out;
+  out << "the model's motion is not finite in " << run.name << " from "
+      << run.times[static_cast<std::size_t>(window.first)] << " to "
+      << run.times[static_cast<std::size_t>(window.last)] << " s";
+  return out.str();
+}
+
+Initials measuredInitials(const SimulationError& problem) {
+  Initials initial;
+  for (const Window& w : problem.windows()) {
+    const RunData& run = problem.runs()[w.run];
+    initial.emplace_back(problem.initialSize());
+    initial.back().tail<3>() = run.nu.row(w.first);
+    if (problem.initialSize() == 6) initial.back().head<3>() = run.eta.row(w.first);
+  }
+  return initial;
+}
+
+void addSimulated(const RunData& run, const Window& window, const Dynamics<double>& dynamics,
+                  const RigidState<double>& start, WindowSimulation& windows) {
+  const Motion measured = motionOf(run);
+  const int samples = window.last - window.first + 1;
+  Eigen::MatrixX3d eta(samples, 3), nu(samples, 3);
+  Simulation<double> simulation(dynamics, run.inputs, start, run.times[window.first], dynamics.longestStep(),
+                                &measured);
+  for (int i = 0; i < samples; ++i) {
+    simulation.advance(run.times[window.first + i]);
+    const Measurement<double> seen = simulation.measure();
+    eta.row(i) = seen.eta;
+    nu.row(i) = seen.nu;
+  }
+  if (!eta.allFinite() || !nu.allFinite()) throw std::runtime_error(notFinite(run, window));
+  windows.eta.push_back(std::move(eta));
+  windows.nu.push_back(std::move(nu));
+}
+
 WindowSimulation simulateFrom(const SimulationError& problem, const Model& model, const Initials& initial) {
   WindowSimulation result;
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
     const Window& window = problem.windows()[w];
     const RunData& run = problem.runs()[window.run];
     const Dynamics<double> dynamics(model, run.payload);
-    const Motion measured = motionOf(run);
-    const int samples = window.last - window.first + 1;
-    Eigen::MatrixX3d eta(samples, 3), nu(samples, 3);
     std::array<double, kMaxInitial> from{};
     std::copy(initial[w].begin(), initial[w].end(), from.begin());
-    const Vector3<double> start = run.eta.row(window.first);
-    Simulation<double> simulation(dynamics, run.inputs,
-                                  stateAtStart(dynamics, start, from, problem.initialSize()),
-                                  run.times[window.first], dynamics.longestStep(), &measured);
-    for (int i = 0; i < samples; ++i) {
-      simulation.advance(run.times[window.first + i]);
-      const Measurement<double> seen = simulation.measure();
-      eta.row(i) = seen.eta;
-      nu.row(i) = seen.nu;
-    }
-    if (!eta.allFinite() || !nu.allFinite()) throw std::runtime_error(notFinite(run, window));
-    result.eta.push_back(std::move(eta));
-    result.nu.push_back(std::move(nu));
+    const Vector3<double> pose = run.eta.row(window.first);
+    addSimulated(run, window, dynamics, stateAtStart(dynamics, pose, from, problem.initialSize()), result);
   }
   return result;
 }
 
 }  // namespace ground::detail
+
+namespace ground {
+
+WindowSimulation predict(const Model& model, const RunData& run, const std::vector<Window>& windows,
+                         const Eigen::MatrixX3d& initial_nu) {
+  detail::checkFree(run);
+  if (initial_nu.rows() != static_cast<Eigen::Index>(windows.size()))
+    throw std::invalid_argument("there must be as many initial velocities as windows");
+  if (!initial_nu.allFinite()) throw std::invalid_argument("an initial velocity is not finite");
+  const Dynamics<double> dynamics(model, run.payload);
+  const Dynamics<Jet> differentiable(model, run.payload);
+  WindowSimulation result;
+  for (std::size_t w = 0; w < windows.size(); ++w) {
+    const int first = windows[w].first, last = windows[w].last;
+    if (first < 0 || last < first || last >= static_cast<int>(run.times.size()))
+      throw std::invalid_argument("a window lies outside its run");
+    const Measurement<double> start{run.eta.row(first), initial_nu.row(w)};
+    detail::addSimulated(run, windows[w], dynamics, stateSeenAs(differentiable, start), result);
+  }
+  return result;
+}
+
+}  // namespace ground

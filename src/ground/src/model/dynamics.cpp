@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "ground/model/time_scale.h"
+#include "ground/model/capability.h"
 
 namespace ground {
 namespace {

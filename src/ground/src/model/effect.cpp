@@ -23,16 +23,8 @@ double ParameterInfo::fromCoordinate(double c) const {
 }
 
 const char* nameOf(Surroundings surroundings) {
-  switch (surroundings) {
-    case Surroundings::kFloor:
-      return "floor";
-    case Surroundings::kLift:
-      return "lift";
-    case Surroundings::kWater:
-      return "water";
-    default:
-      return "any";
-  }
+  constexpr const char* kNames[] = {"any", "floor", "lift", "water"};
+  return kNames[static_cast<int>(surroundings)];
 }
 
 namespace {

@@ -6,7 +6,7 @@
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
 #include "ground/model/shortened.h"
-#include "yaml_keys.h"
+#include "ground/model/yaml_keys.h"
 
 namespace ground {
 

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "ground/model/model.h"
-#include "yaml_reader.h"
+#include "ground/model/yaml_reader.h"
 
 namespace ground {
 

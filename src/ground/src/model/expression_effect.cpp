@@ -11,7 +11,6 @@
 #include <stdexcept>
 
 #include "arguments.h"
-#include "formula_symbols.h"
 #include "formula_tape.h"
 #include "ground/model/did_you_mean.h"
 #include "ground/model/shortened.h"
@@ -111,16 +110,6 @@ class ExpressionEffect final : public Effect {
   void add(const T* p, const Point<T>& point, const Formulas& formulas, T* sums) const {
     formulas.tape->add([&](int j) { return argument(p, point, j); }, sums);
   }
-  void add(const Symbol* p, const Point<Symbol>& point, const Formulas& formulas, Symbol* sums) const {
-    NamedSymbols known;
-    for (std::size_t j = 0; j < names_.size(); ++j)
-      for (const std::string& name : names_[j])
-        known.emplace_back(name, argument(p, point, static_cast<int>(j)));
-    for (const Formula& formula : formulas.each) {
-      if (!formula.text.empty()) *sums += symbolOf(formula.text, known);
-      ++sums;
-    }
-  }
   template <typename T>
   T argument(const T* p, const Point<T>& point, int j) const {
     if (j < variableCount()) return argumentOf(point, j);
@@ -157,16 +146,8 @@ class ExpressionEffect final : public Effect {
     if (std::regex_search(formula.text, assignment)) fail(formula, "it must not assign with '='");
     if (formula.text.empty()) return;
     try {
-      mu::Parser parser;
-      double value = 0;
-      parser.DefineConst("pi", M_PI);
-      for (const auto& names : names_)
-        for (const std::string& name : names) parser.DefineVar(name, &value);
-      parser.SetExpr(formula.text);
-      int results = 0;
-      parser.Eval(results);
-      if (results != 1) fail(formula, "it must give one number, not a list");
-    } catch (const mu::Parser::exception_type& error) {
+      FormulaTape({formula.text}, names_);
+    } catch (const mu::ParserError& error) {
       if (error.GetCode() == mu::ecUNASSIGNABLE_TOKEN) failUnknown(formula, error.GetToken());
       fail(formula, error.GetMsg());
     }

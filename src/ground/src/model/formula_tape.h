@@ -13,8 +13,7 @@ namespace ground {
 /// exact; where a finite value has none, as a square root at 0, it is 0.
 class FormulaTape {
  public:
-  /// variables: all names of each. An empty formula is none. Throws std::invalid_argument if one has
-  /// something that cannot be written down.
+  /// variables: all names of each. An empty formula is none. Throws mu::ParserError if one is wrong.
   FormulaTape(const std::vector<std::string>& formulas,
               const std::vector<std::vector<std::string>>& variables);
 
@@ -31,20 +30,17 @@ class FormulaTape {
 
  private:
   enum class Kind { kNumber, kVariable, kPlus, kMinus, kTimes, kOver, kSin, kCos, kFunction };
-  /// Derivatives by the arguments x of a function whose value is y.
-  using Slopes = void (*)(const double* x, double y, double* slopes);
 
   struct Step {
     Kind kind;
     int count = 0;                 ///< of arguments; the number of a variable
     int arguments[3] = {0, 0, 0};  ///< earlier steps
     double number = 0;
-    Trace::Function value = nullptr;
-    Slopes slopes = nullptr;
+    Trace::Function function{nullptr, nullptr};
   };
 
   template <typename T, class Arguments>
-  static void compute(const Step& step, const Arguments& argument, const T* values, T& out) {
+  void compute(const Step& step, const Arguments& argument, const T* values, T& out) const {
     const T &a = values[step.arguments[0]], &b = values[step.arguments[1]];
     using std::cos;
     using std::sin;
@@ -79,25 +75,31 @@ class FormulaTape {
     }
   }
   template <typename T>
-  static T call(const Step& step, const T* values) {
-    double x[3] = {0, 0, 0};
-    for (int i = 0; i < step.count; ++i) x[i] = valueOf(values[step.arguments[i]]);
-    T result(step.value(x));
-    if constexpr (!std::is_same_v<T, double>) {
-      double slopes[3] = {0, 0, 0};
-      if (step.slopes) step.slopes(x, result.a, slopes);
-      for (int i = 0; i < step.count; ++i)
-        if (slopes[i] != 0 && std::isfinite(slopes[i])) result.v += slopes[i] * values[step.arguments[i]].v;
+  T call(const Step& step, const T* values) const {
+    if constexpr (std::is_same_v<T, Symbol>) {
+      std::vector<Symbol> arguments;
+      for (int i = 0; i < step.count; ++i) arguments.push_back(values[step.arguments[i]]);
+      return Trace::current().of(names_[static_cast<std::size_t>(&step - steps_.data())], arguments);
+    } else {
+      double x[3] = {0, 0, 0};
+      for (int i = 0; i < step.count; ++i) x[i] = valueOf(values[step.arguments[i]]);
+      T result(step.function.value(x));
+      if constexpr (!std::is_same_v<T, double>) {
+        double slopes[3] = {0, 0, 0};
+        if (step.function.slopes) step.function.slopes(x, result.a, slopes);
+        for (int i = 0; i < step.count; ++i)
+          if (slopes[i] != 0 && std::isfinite(slopes[i])) result.v += slopes[i] * values[step.arguments[i]].v;
+      }
+      return result;
     }
-    return result;
   }
 
-  static Slopes slopesOf(const std::string& name);
-  int push(const Step& step);
+  int push(const Step& step, const std::string& name = "");
   int push(const Operation& operation, const std::vector<int>& arguments);
 
   std::vector<Step> steps_;
-  std::vector<int> results_;  ///< step of each formula; -1 for none
+  std::vector<std::string> names_;  ///< of the functions of steps_
+  std::vector<int> results_;        ///< step of each formula; -1 for none
 };
 
 }  // namespace ground

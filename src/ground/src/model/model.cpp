@@ -63,6 +63,12 @@ std::string checkValue(const ParameterInfo& parameter, double value) {
   return text.str();
 }
 
+bool Model::Entry::isNeutral() const {
+  const auto& all = effect->info().parameters;
+  const auto neutral = [](double value, const ParameterInfo& one) { return value == one.neutral; };
+  return !all.empty() && std::equal(values.begin(), values.end(), all.begin(), all.end(), neutral);
+}
+
 void Model::addEffect(EffectPtr effect) {
   const EffectInfo& info = effect->info();
   if (hasEffect(info.name)) throw std::invalid_argument("the model has effect '" + info.name + "' already");

@@ -8,7 +8,7 @@
 #include "ground/model/expression_effect.h"
 #include "ground/model/plausibility.h"
 #include "ground/model/text_file.h"
-#include "yaml_keys.h"
+#include "ground/model/yaml_keys.h"
 
 namespace ground {
 

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "ground/model/capability.h"
+#include "ground/model/typical.h"
 
 namespace ground {
 namespace {
@@ -14,8 +15,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kMinAcceleration = 1e-4;  // [m/s^2]
 constexpr double kMaxAcceleration = 1e4;   // [m/s^2]
 
-double fullThrust(const Body<double>& b) { return 2 * b.k * b.input_max; }
-double acceleration(const Body<double>& b) { return fullThrust(b) / b.m; }
+double acceleration(const Body<double>& b) { return typical::force(b) / b.m; }
 
 /// A parameter of the body: name, SI unit, member, and value on a typical craft.
 struct Key {
@@ -49,8 +49,8 @@ struct Ratio {
 
 double gyrationOverLever(const Body<double>& b) { return std::sqrt(b.I_z / b.m) / b.l; }
 double massOverGyration(const Body<double>& b) { return b.m / b.I_z * b.m; }
-double topSurge(const Body<double>& b) { return fullThrust(b) / b.X_u; }
-double topSway(const Body<double>& b) { return fullThrust(b) / b.Y_v; }
+double topSurge(const Body<double>& b) { return typical::force(b) / b.X_u; }
+double topSway(const Body<double>& b) { return typical::force(b) / b.Y_v; }
 double topYawRate(const Body<double>& b) { return b.k * b.input_max * b.l / b.N_r; }
 
 const std::vector<Ratio>& ratios() {

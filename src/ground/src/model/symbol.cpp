@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <stdexcept>
 
@@ -10,66 +11,67 @@ namespace {
 
 thread_local Trace* innermost = nullptr;
 
-/// What each operation computes from its arguments.
+/// What each operation computes from its arguments x, and the derivatives of its value y by them.
 const std::map<std::string, Trace::Function>& functions() {
-#define GROUND_OF_ONE(name, function)                            \
-  {                                                              \
-    name, [](const double* x) { return double(function(x[0])); } \
-  }
-#define GROUND_OF_TWO(name, expression)                      \
-  {                                                          \
-    name, [](const double* x) { return double(expression); } \
+// clang-format off
+#define GROUND_VALUE(expression) [](const double* x) { return double(expression); }
+#define GROUND_SLOPES(...)                                                          \
+  []([[maybe_unused]] const double* x, [[maybe_unused]] double y, double* slopes) { \
+    const double each[] = {__VA_ARGS__};                                            \
+    std::copy(std::begin(each), std::end(each), slopes);                            \
   }
   static const std::map<std::string, Trace::Function> all = {
-      GROUND_OF_ONE("neg", -),
-      GROUND_OF_ONE("!", !),
-      GROUND_OF_ONE("abs", std::abs),
-      GROUND_OF_ONE("sqrt", std::sqrt),
-      GROUND_OF_ONE("exp", std::exp),
-      GROUND_OF_ONE("log", std::log),
-      GROUND_OF_ONE("sin", std::sin),
-      GROUND_OF_ONE("cos", std::cos),
-      GROUND_OF_ONE("tan", std::tan),
-      GROUND_OF_ONE("asin", std::asin),
-      GROUND_OF_ONE("acos", std::acos),
-      GROUND_OF_ONE("atan", std::atan),
-      GROUND_OF_ONE("sinh", std::sinh),
-      GROUND_OF_ONE("cosh", std::cosh),
-      GROUND_OF_ONE("tanh", std::tanh),
-      GROUND_OF_ONE("asinh", std::asinh),
-      GROUND_OF_ONE("acosh", std::acosh),
-      GROUND_OF_ONE("atanh", std::atanh),
-      GROUND_OF_ONE("rint", std::rint),
-      GROUND_OF_TWO("+", x[0] + x[1]),
-      GROUND_OF_TWO("-", x[0] - x[1]),
-      GROUND_OF_TWO("*", x[0] * x[1]),
-      GROUND_OF_TWO("/", x[0] / x[1]),
-      GROUND_OF_TWO("pow", std::pow(x[0], x[1])),
-      GROUND_OF_TWO("atan2", std::atan2(x[0], x[1])),
-      GROUND_OF_TWO("min", std::min(x[0], x[1])),
-      GROUND_OF_TWO("max", std::max(x[0], x[1])),
-      GROUND_OF_TWO("<", x[0] < x[1]),
-      GROUND_OF_TWO(">", x[0] > x[1]),
-      GROUND_OF_TWO("<=", x[0] <= x[1]),
-      GROUND_OF_TWO(">=", x[0] >= x[1]),
-      GROUND_OF_TWO("==", x[0] == x[1]),
-      GROUND_OF_TWO("!=", x[0] != x[1]),
-      GROUND_OF_TWO("&&", x[0] != 0 && x[1] != 0),
-      GROUND_OF_TWO("||", x[0] != 0 || x[1] != 0),
-      GROUND_OF_TWO("select", x[0] != 0 ? x[1] : x[2]),
+      {"neg", {GROUND_VALUE(-x[0]), GROUND_SLOPES(-1.0)}},
+      {"!", {GROUND_VALUE(!x[0]), nullptr}},
+      {"abs", {GROUND_VALUE(std::abs(x[0])), GROUND_SLOPES(x[0] < 0 ? -1.0 : x[0] > 0 ? 1.0 : 0.0)}},
+      {"sqrt", {GROUND_VALUE(std::sqrt(x[0])), GROUND_SLOPES(0.5 / y)}},
+      {"exp", {GROUND_VALUE(std::exp(x[0])), GROUND_SLOPES(y)}},
+      {"log", {GROUND_VALUE(std::log(x[0])), GROUND_SLOPES(1 / x[0])}},
+      {"sin", {GROUND_VALUE(std::sin(x[0])), nullptr}},
+      {"cos", {GROUND_VALUE(std::cos(x[0])), nullptr}},
+      {"tan", {GROUND_VALUE(std::tan(x[0])), GROUND_SLOPES(1 + y * y)}},
+      {"asin", {GROUND_VALUE(std::asin(x[0])), GROUND_SLOPES(1 / std::sqrt(1 - x[0] * x[0]))}},
+      {"acos", {GROUND_VALUE(std::acos(x[0])), GROUND_SLOPES(-1 / std::sqrt(1 - x[0] * x[0]))}},
+      {"atan", {GROUND_VALUE(std::atan(x[0])), GROUND_SLOPES(1 / (1 + x[0] * x[0]))}},
+      {"sinh", {GROUND_VALUE(std::sinh(x[0])), GROUND_SLOPES(std::cosh(x[0]))}},
+      {"cosh", {GROUND_VALUE(std::cosh(x[0])), GROUND_SLOPES(std::sinh(x[0]))}},
+      {"tanh", {GROUND_VALUE(std::tanh(x[0])), GROUND_SLOPES(1 - y * y)}},
+      {"asinh", {GROUND_VALUE(std::asinh(x[0])), GROUND_SLOPES(1 / std::sqrt(x[0] * x[0] + 1))}},
+      {"acosh", {GROUND_VALUE(std::acosh(x[0])), GROUND_SLOPES(1 / std::sqrt(x[0] * x[0] - 1))}},
+      {"atanh", {GROUND_VALUE(std::atanh(x[0])), GROUND_SLOPES(1 / (1 - x[0] * x[0]))}},
+      {"rint", {GROUND_VALUE(std::rint(x[0])), nullptr}},
+      {"+", {GROUND_VALUE(x[0] + x[1]), nullptr}},
+      {"-", {GROUND_VALUE(x[0] - x[1]), nullptr}},
+      {"*", {GROUND_VALUE(x[0] * x[1]), nullptr}},
+      {"/", {GROUND_VALUE(x[0] / x[1]), nullptr}},
+      {"pow", {GROUND_VALUE(std::pow(x[0], x[1])),
+        GROUND_SLOPES(x[1] * std::pow(x[0], x[1] - 1), y * std::log(x[0]))}},
+      {"atan2", {GROUND_VALUE(std::atan2(x[0], x[1])),
+        GROUND_SLOPES(x[1] / (x[0] * x[0] + x[1] * x[1]), -x[0] / (x[0] * x[0] + x[1] * x[1]))}},
+      {"min", {GROUND_VALUE(std::min(x[0], x[1])),
+        GROUND_SLOPES(x[1] < x[0] ? 0.0 : 1.0, x[1] < x[0] ? 1.0 : 0.0)}},
+      {"max", {GROUND_VALUE(std::max(x[0], x[1])),
+        GROUND_SLOPES(x[0] < x[1] ? 0.0 : 1.0, x[0] < x[1] ? 1.0 : 0.0)}},
+      {"<", {GROUND_VALUE(x[0] < x[1]), nullptr}},
+      {">", {GROUND_VALUE(x[0] > x[1]), nullptr}},
+      {"<=", {GROUND_VALUE(x[0] <= x[1]), nullptr}},
+      {">=", {GROUND_VALUE(x[0] >= x[1]), nullptr}},
+      {"==", {GROUND_VALUE(x[0] == x[1]), nullptr}},
+      {"!=", {GROUND_VALUE(x[0] != x[1]), nullptr}},
+      {"&&", {GROUND_VALUE(x[0] != 0 && x[1] != 0), nullptr}},
+      {"||", {GROUND_VALUE(x[0] != 0 || x[1] != 0), nullptr}},
+      {"select", {GROUND_VALUE(x[0] != 0 ? x[1] : x[2]),
+        GROUND_SLOPES(0.0, x[0] != 0 ? 1.0 : 0.0, x[0] != 0 ? 0.0 : 1.0)}},
   };
-#undef GROUND_OF_ONE
-#undef GROUND_OF_TWO
+#undef GROUND_VALUE
+#undef GROUND_SLOPES
+  // clang-format on
   return all;
 }
 
 bool isNumber(const Symbol& x, double number) { return x.isConstant() && x.value == number; }
 bool areSame(const Symbol& x, const Symbol& y) {
   return x.place == y.place && (x.place || x.value == y.value);
-}
-
-Symbol of(const char* name, const std::vector<Symbol>& arguments) {
-  return Trace::current().of(name, arguments);
 }
 
 using Symbols = std::vector<Symbol>;
@@ -87,7 +89,7 @@ const std::map<std::string, Rule>& rules() {
       {"neg", GROUND_RULE(-d[0])},
       {"*", GROUND_RULE(d[0] * a[1] + a[0] * d[1])},
       {"/", GROUND_RULE((d[0] - y * d[1]) / a[1])},
-      {"select", GROUND_RULE(of("select", {a[0], d[1], d[2]}))},
+      {"select", GROUND_RULE(traced("select", {a[0], d[1], d[2]}))},
       {"abs", GROUND_RULE(select(a[0] < 0.0, -d[0], d[0]))},
       {"sqrt", GROUND_RULE(0.5 / y * d[0])},
       {"exp", GROUND_RULE(y * d[0])},
@@ -112,7 +114,7 @@ Trace& Trace::current() {
   return *innermost;
 }
 
-Trace::Function Trace::function(const std::string& name) { return functions().at(name); }
+const Trace::Function& Trace::function(const std::string& name) { return functions().at(name); }
 
 Symbol Trace::symbolAt(int place) const {
   const Operation& operation = operations_[index(place)];
@@ -143,7 +145,7 @@ Symbol Trace::of(const std::string& name, const std::vector<Symbol>& arguments) 
   std::transform(arguments.begin(), arguments.end(), values, [&](const Symbol& x) { return valueOf(x); });
   const bool fixed =
       std::all_of(arguments.begin(), arguments.end(), [&](const Symbol& x) { return isFixed(x); });
-  const double value = function(name)(values);
+  const double value = function(name).value(values);
   if (std::all_of(arguments.begin(), arguments.end(), [](const Symbol& x) { return x.isConstant(); }))
     return value;
   std::vector<int> places;
@@ -251,12 +253,6 @@ Symbol Trace::replaced(const Symbol& y, const Symbol& x, double number, Known& k
   return known[y.place] = again();
 }
 
-Symbol Symbol::operator-() const { return of("neg", {*this}); }
-Symbol operator+(const Symbol& x, const Symbol& y) { return of("+", {x, y}); }
-Symbol operator-(const Symbol& x, const Symbol& y) { return of("-", {x, y}); }
-Symbol operator*(const Symbol& x, const Symbol& y) { return of("*", {x, y}); }
-Symbol operator/(const Symbol& x, const Symbol& y) { return of("/", {x, y}); }
-
 Condition::operator bool() const {
   if (!holds_.isConstant())
     throw std::invalid_argument(
@@ -264,32 +260,5 @@ Condition::operator bool() const {
         "written down as a formula");
   return holds_.value != 0;
 }
-
-Condition operator<(const Symbol& x, const Symbol& y) { return Condition(of("<", {x, y})); }
-Condition operator>(const Symbol& x, const Symbol& y) { return Condition(of(">", {x, y})); }
-Condition operator<=(const Symbol& x, const Symbol& y) { return Condition(of("<=", {x, y})); }
-Condition operator>=(const Symbol& x, const Symbol& y) { return Condition(of(">=", {x, y})); }
-Condition operator==(const Symbol& x, const Symbol& y) { return Condition(of("==", {x, y})); }
-Condition operator!=(const Symbol& x, const Symbol& y) { return Condition(of("!=", {x, y})); }
-Condition operator&&(const Condition& a, const Condition& b) {
-  return Condition(of("&&", {a.symbol(), b.symbol()}));
-}
-Condition operator||(const Condition& a, const Condition& b) {
-  return Condition(of("||", {a.symbol(), b.symbol()}));
-}
-Condition operator!(const Condition& a) { return Condition(of("!", {a.symbol()})); }
-
-Symbol select(const Condition& condition, const Symbol& a, const Symbol& b) {
-  return of("select", {condition.symbol(), a, b});
-}
-
-Symbol abs(const Symbol& x) { return of("abs", {x}); }
-Symbol sqrt(const Symbol& x) { return of("sqrt", {x}); }
-Symbol exp(const Symbol& x) { return of("exp", {x}); }
-Symbol log(const Symbol& x) { return of("log", {x}); }
-Symbol sin(const Symbol& x) { return of("sin", {x}); }
-Symbol cos(const Symbol& x) { return of("cos", {x}); }
-Symbol tanh(const Symbol& x) { return of("tanh", {x}); }
-Symbol pow(const Symbol& base, const Symbol& exponent) { return of("pow", {base, exponent}); }
 
 }  // namespace ground

@@ -1,4 +1,4 @@
-#include "yaml_keys.h"
+#include "ground/model/yaml_keys.h"
 
 #include <cmath>
 #include <cstdlib>

@@ -1,4 +1,4 @@
-#include "yaml_reader.h"
+#include "ground/model/yaml_reader.h"
 
 #include <cmath>
 #include <set>

@@ -4,11 +4,11 @@
 #include <chrono>
 #include <cmath>
 
-#include "ground/control/fence_bound.h"
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/messages.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/real_time_threads.h"
+#include "ground/safety/fence_bound.h"
 
 namespace ground {
 namespace {
@@ -17,17 +17,6 @@ constexpr double kStatusPeriod = 0.5;  // [s]
 constexpr double kWatch = 0.005;       // longest interval of ticks of the life cycle [s]
 // Largest pace of a simulated clock [-], and shortest interval of ticks with it [s].
 constexpr double kMaxPace = 10, kSimulatedTick = 5e-4;
-
-MeasuredState measuredState(const ground_msgs::State& message, double stamp) {
-  MeasuredState measured;
-  measured.stamp = stamp;
-  measured.state = stateIn(message);
-  for (int i = 0; i < 3; ++i)
-    measured.nu_variance(i) = message.nu_covariance[static_cast<std::size_t>(4 * i)];
-  measured.valid = message.valid;
-  measured.problem = message.status;
-  return measured;
-}
 
 }  // namespace
 
@@ -72,7 +61,7 @@ void Controller::start(ros::NodeHandle& nh, ros::NodeHandle& topics) {
   decision_publisher_ = topics.advertise<ground_msgs::Decision>("decision", 4);
   status_ = nh.advertise<Status>("status", 1, true);
   load(nh);
-  if (room_) NODELET_INFO("%s: %s", name_.c_str(), fenceBound(*room_, fullAcceleration(pilot_)).c_str());
+  if (room_) NODELET_INFO("%s: %s", name_.c_str(), fenceBound(*room_, fullAcceleration(*pilot_)).c_str());
   start_service_ = services.advertiseService("start", &Controller::onStart, this);
   stop_service_ = services.advertiseService("stop", &Controller::onStop, this);
   const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
@@ -98,14 +87,14 @@ void Controller::setParams(LifecycleParams params) {
 void Controller::onDrive(const ground_msgs::Drive::ConstPtr& message) {
   const std::lock_guard lock(mutex_);
   const double began = seconds(message->began), as_of = seconds(message->header.stamp);
-  life_.attempt([&] { pilot_.driveBegan(began, as_of); });
+  life_.attempt([&] { pilot_->driveBegan(began, as_of); });
 }
 
 void Controller::onTelemetry(const ground_msgs::Telemetry::ConstPtr& message) {
   const std::optional<double> volts = voltageIn(*message);
   if (!volts) return;
   const std::lock_guard lock(mutex_);
-  life_.attempt([&] { pilot_.voltage(*volts); });
+  life_.attempt([&] { pilot_->voltage(*volts); });
 }
 
 void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {
@@ -115,7 +104,7 @@ void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {
   const bool fits = misfit(*message, life_.layout()).empty();
   if (fits && !readInputs(*message).finite()) return;
   const double stamp = seconds(message->header.stamp);
-  if (fits) life_.attempt([&] { pilot_.commanded(stamp, readInputs(*message)); });
+  if (fits) life_.attempt([&] { pilot_->commanded(stamp, readInputs(*message)); });
   if (std::isfinite(message->lift)) life_.otherDrives(now(), driver, message->lift);
 }
 
@@ -136,7 +125,7 @@ bool Controller::onStart(std_srvs::Trigger::Request&, std_srvs::Trigger::Respons
   const std::lock_guard lock(mutex_);
   response.message = life_.start(now());
   response.success = response.message.empty();
-  if (response.success) response.message = pilot_.caution();
+  if (response.success) response.message = pilot_->caution();
   return true;
 }
 
@@ -184,7 +173,7 @@ void Controller::publish(const Inputs& inputs) {
   writeInputs(inputs, life_.layout(), *message);
   controls_.publish(message);
   life_.attempt([&] {
-    pilot_.commanded(seconds(stamp), inputs);
+    pilot_->commanded(seconds(stamp), inputs);
     sent();
   });
   if (!decision_) return;
@@ -197,7 +186,7 @@ void Controller::note(const ReferencePilot::Decision& made) {
   wanted_ = boost::make_shared<ground_msgs::Controls>();
   wanted_->header.stamp = ros::Time::now();
   wanted_->header.frame_id = name_;
-  writeInputs({made.wanted, life_.params().lift}, pilot_.layout(), *wanted_);
+  writeInputs({made.wanted, life_.params().lift}, pilot_->layout(), *wanted_);
   decision_ = boost::make_shared<ground_msgs::Decision>();
   decision_->header = wanted_->header;
   decision_->state = measured_at_;

@@ -25,7 +25,12 @@ namespace ground {
 /// (takes effect at the next start). A file with a column lift sets the lift, too.
 class Excitation : public Controller {
  public:
-  Excitation() : Controller(pilot_) {}
+  Excitation()
+      : Controller(std::make_unique<ExcitationPilot>(
+            [this] { return seconds(ros::Time::now()); },
+            [this](const ExcitationPilot::Mark& mark) { marked(mark); },
+            [this](const ReferencePilot::Decision& decision) { note(decision); }, steadyNow)),
+        pilot_(static_cast<ExcitationPilot&>(pilot())) {}
   ~Excitation() override {
     model_service_ = ModelService();
     reconfigure_.reset();
@@ -127,9 +132,7 @@ class Excitation : public Controller {
   std::optional<Model> model_;
   InputSignal signal_;
   Config config_;
-  ExcitationPilot pilot_{[this] { return seconds(ros::Time::now()); },
-                         [this](const ExcitationPilot::Mark& mark) { marked(mark); },
-                         [this](const ReferencePilot::Decision& decision) { note(decision); }, steadyNow};
+  ExcitationPilot& pilot_;
   ros::Publisher burst_publisher_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
   ModelService model_service_;

@@ -59,6 +59,7 @@ std::string newtons(double value) {
 
 void addModel(LegendLines& lines, const ground_msgs::ModelError& error, bool is_better,
               const std::string& color) {
+  if (!error.failure.empty()) lines.push_back({error.model + " " + error.failure, palette::kMissing});
   if (!error.excited) {
     lines.push_back({error.model + ": no excitation, the craft hardly moves", color});
     return;

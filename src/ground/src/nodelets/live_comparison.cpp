@@ -1,6 +1,5 @@
 #include <ground/LiveComparisonConfig.h>
 #include <ground_msgs/Controls.h>
-#include <ground_msgs/CraftChange.h>
 #include <ground_msgs/Drive.h>
 #include <ground_msgs/ModelComparison.h>
 #include <ground_msgs/ModelError.h>
@@ -12,16 +11,15 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <pluginlib/class_list_macros.hpp>
-#include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "ground/estimation/change_monitor.h"
 #include "ground/estimation/model_monitor.h"
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/messages.h"
@@ -38,18 +36,19 @@ namespace ground {
 /// Parameters: model (model file, required), model2 (another, optional) and those of
 /// LiveComparison.cfg, which can be changed at run time. Subscribes: state, controls, drive, sender/telemetry
 /// (the voltage of the battery, on which the thrust of a model may depend). Publishes with every state:
-/// model_error, model_error2. Publishes at `rate`: path/predicted, path/predicted2 (prediction of each model
-/// over the last horizon), model_comparison. Publishes ten times a second: craft_change (what has changed of
-/// the craft since the first model was made; ChangeMonitor), unless `changes` is false. Services:
-/// ~load_model, ~load_model2 (load another model file).
+/// model_error, model_error2 (how far the prediction is off, and since when it has failed). Publishes at
+/// `rate`: path/predicted, path/predicted2 (prediction of each model over the last horizon),
+/// model_comparison. Logs when a model stops predicting. Services: ~load_model, ~load_model2 (load another
+/// model file).
 class LiveComparison : public Shell {
  private:
   using Config = LiveComparisonConfig;
 
   /// A model and its publishers.
   struct Contestant {
-    std::string name;
+    std::string name, file;
     std::unique_ptr<ModelMonitor> monitor;
+    std::string failure;  ///< the newest in the log
     ros::Publisher error, path;
   };
 
@@ -70,10 +69,11 @@ class LiveComparison : public Shell {
                                     return std::string();
                                   });
     }
-    change_publisher_ = topics.advertise<ground_msgs::CraftChange>("craft_change", 10);
     comparison_publisher_ = topics.advertise<ground_msgs::ModelComparison>("model_comparison", 1);
     controls_subscriber_ = topics.subscribe("controls", 50, &LiveComparison::onControls, this,
                                             ros::TransportHints().tcpNoDelay());
+    sent_subscriber_ =
+        topics.subscribe("sent", 50, &LiveComparison::onSent, this, ros::TransportHints().tcpNoDelay());
     drive_subscriber_ = topics.subscribe("drive", 4, &LiveComparison::onDrive, this);
     telemetry_subscriber_ = topics.subscribe("sender/telemetry", 4, &LiveComparison::onTelemetry, this);
     state_subscriber_ =
@@ -96,21 +96,19 @@ class LiveComparison : public Shell {
     contest_ = ModelContest(c.horizon, c.window);
     for (Contestant& one : contestants_)
       if (one.monitor) one.monitor->setParams(params(c));
-    if (changes_) changes_->setParams(params(c).observer);
   }
 
   void take(Contestant& contestant, const Model& model, const std::string& file) {
     contestant.monitor = std::make_unique<ModelMonitor>(model, params(config_));
     contestant.monitor->setDrive(drive_);
+    contestant.file = file;
+    contestant.failure.clear();
     const std::filesystem::path path(file);
     contestant.name = path.stem().string();
     for (const Contestant& other : contestants_)
       if (&other != &contestant && other.monitor && other.name == contestant.name)
         contestant.name = (path.parent_path().filename() / path.stem()).string();
     contest_ = ModelContest(config_.horizon, config_.window);
-    if (&contestant != &contestants_[0]) return;
-    changes_ = std::make_unique<ChangeMonitor>(model, params(config_).observer);
-    if (recorded_ && !epoch_.isZero()) followRecord();
   }
 
   /// Time since the first message [s]. Restarts if time jumps back, as with a bag that begins
@@ -123,7 +121,9 @@ class LiveComparison : public Shell {
       drive_ = DriveClock();
       for (Contestant& c : contestants_)
         if (c.monitor) c.monitor->reset();
-      changes_->reset();
+      hears_sent_ = false;
+      first_command_.reset();
+      first_state_.reset();
       followRecord();
     }
     newest_ = std::max(newest_, stamp);
@@ -132,12 +132,9 @@ class LiveComparison : public Shell {
 
   /// Sets the models' t by the newest recorded start of a drive, which may be before epoch_.
   void followRecord() {
-    if (recorded_) {
-      const double began = secondsBetween(epoch_, recorded_->began);
-      const double as_of = secondsBetween(epoch_, recorded_->header.stamp);
-      drive_.record(began, as_of);
-      changes_->driveBegan(began, as_of);
-    }
+    if (recorded_)
+      drive_.record(secondsBetween(epoch_, recorded_->began),
+                    secondsBetween(epoch_, recorded_->header.stamp));
     for (Contestant& c : contestants_)
       if (c.monitor) c.monitor->setDrive(drive_);
   }
@@ -148,11 +145,23 @@ class LiveComparison : public Shell {
     if (!epoch_.isZero()) followRecord();
   }
 
+  /// What was commanded, until it is known what has left for the craft: recordings are read likewise.
   void onControls(const ground_msgs::Controls::ConstPtr& controls) {
     const std::lock_guard<std::mutex> lock(mutex_);
+    if (!hears_sent_) take(controls);
+  }
+
+  void onSent(const ground_msgs::Controls::ConstPtr& sent) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!std::exchange(hears_sent_, true)) first_command_.reset();
+    take(sent);
+  }
+
+  void take(const ground_msgs::Controls::ConstPtr& controls) {
     const Inputs inputs = readInputs(*controls);
     if (!inputs.finite()) return;
     const double time = seconds(controls->header.stamp);
+    first_command_ = first_command_.value_or(time);
     drive_.command(time, controls->lift);
     for (Contestant& c : contestants_) {
       if (!c.monitor) continue;
@@ -165,7 +174,6 @@ class LiveComparison : public Shell {
       Thrusters<double> thrusters = model.thrusters->clipped(inputs.thrusters);
       thrusters *= model.body.input_max;
       c.monitor->command(time, thrusters, inputs.lift);
-      if (&c == &contestants_[0]) changes_->command(time, thrusters, inputs.lift);
     }
   }
 
@@ -175,7 +183,6 @@ class LiveComparison : public Shell {
     const std::lock_guard<std::mutex> lock(mutex_);
     for (Contestant& c : contestants_)
       if (c.monitor) c.monitor->voltage(seconds(message->header.stamp), *volts);
-    changes_->voltage(*volts);
   }
 
   void onState(const ground_msgs::State::ConstPtr& message) {
@@ -183,14 +190,14 @@ class LiveComparison : public Shell {
     const RigidState<double> state = stateIn(*message);
     if (!message->valid || !isFinite(state)) return;
     const double time = seconds(message->header.stamp);
+    first_state_ = first_state_.value_or(time);
     std::array<std::optional<ModelMonitor::Error>, kModels> errors;
     for (std::size_t i = 0; i < kModels; ++i) {
       Contestant& c = contestants_[i];
       if (!c.monitor) continue;
-      errors[i] = c.monitor->measure(time, state);
+      errors[i] = c.monitor->measure(time, state, poseIn(*message));
       if (errors[i]) publishError(c, message->header, *errors[i]);
     }
-    watchChanges(time, state, message->header);
     const bool is_tried = errors[0] && errors[1] && errors[0]->excited && errors[1]->excited;
     if (is_tried) contest_.add(time, *errors[0], *errors[1]);
     if (time - last_paths_ < 1 / config_.rate) return;
@@ -200,7 +207,7 @@ class LiveComparison : public Shell {
     if (errors[0] && errors[1]) publishComparison(message->header);
   }
 
-  static void publishError(Contestant& c, const std_msgs::Header& header, const ModelMonitor::Error& e) {
+  void publishError(Contestant& c, const std_msgs::Header& header, const ModelMonitor::Error& e) {
     auto message = boost::make_shared<ground_msgs::ModelError>();
     message->header = header;
     message->model = c.name;
@@ -218,45 +225,29 @@ class LiveComparison : public Shell {
       message->wrench[i] = e.wrench(i);
       message->wrench_noise[i] = e.wrench_noise(i);
     }
+    addFailure(c, e.failing_since, *message);
     c.error.publish(message);
   }
 
-  void watchChanges(double time, const RigidState<double>& state, const std_msgs::Header& header) {
-    if (!config_.changes || !changes_->measure(time, state)) return;
-    const ChangeMonitor::Report& report = changes_->report();
-    auto message = boost::make_shared<ground_msgs::CraftChange>();
-    message->header = header;
-    message->model = contestants_[0].name;
-    message->text = report.text();
-    message->doubt = report.doubt;
-    if (report.began != std::exchange(watched_since_, report.began)) {
-      named_.clear();
-      doubt_.clear();
+  /// Adds since when a model has failed, on the clock of a recording that began with this node; logs it.
+  void addFailure(Contestant& c, const Vector3<double>& failing_since, ground_msgs::ModelError& message) {
+    const double zero = std::max(first_state_.value_or(0), first_command_.value_or(0));
+    const Vector3<double> since = failing_since.array() - zero;
+    std::copy(since.begin(), since.end(), message.failing_since.begin());
+    const std::string failing = failureText(since);
+    if (!failing.empty()) {
+      const double from = std::floor(since.array().isFinite().select(since, kMax).minCoeff());
+      message.failure = "does not predict " + failing;
+      message.next = "rosrun ground identify diagnose BAG --model " + c.file + " --from " +
+                     std::to_string(std::max(0L, std::lround(from)));
     }
-    bool is_new = false;
-    for (const ChangeMonitor::Change& change : report.changes) {
-      message->what.push_back(change.what);
-      message->alternatives.push_back(change.alternatives);
-      message->since.push_back(change.since - report.began);
-      message->size.push_back(change.size);
-      message->lower.push_back(change.lower);
-      message->upper.push_back(change.upper);
-      is_new = named_.insert(change.what).second || is_new;
+    if (message.failure == std::exchange(c.failure, message.failure)) return;
+    if (failing.empty()) {
+      NODELET_INFO("live_comparison: %s predicts the motion again", c.name.c_str());
+    } else {
+      NODELET_WARN("live_comparison: %s %s; what is missing, by the recording: %s", c.name.c_str(),
+                   message.failure.c_str(), message.next.c_str());
     }
-    const auto numbers = [](const Eigen::VectorXd& all) {
-      return std::vector<double>(all.begin(), all.end());
-    };
-    for (const CraftChange::Parameter& one : changes_->craft().parameters())
-      message->parameters.push_back(one.name);
-    message->change = numbers(report.change);
-    message->estimate = numbers(report.estimate);
-    message->deviation = numbers(report.deviation);
-    message->asymmetry = report.asymmetry;
-    message->asymmetry_deviation = report.asymmetry_deviation;
-    change_publisher_.publish(message);
-    if (is_new) NODELET_WARN("live_comparison: the craft has changed: %s", message->text.c_str());
-    if (!report.doubt.empty() && report.doubt != std::exchange(doubt_, report.doubt))
-      NODELET_WARN("live_comparison: %s: %s", message->model.c_str(), report.doubt.c_str());
   }
 
   static void publishPath(Contestant& c, const ros::Time& stamp) {
@@ -280,23 +271,23 @@ class LiveComparison : public Shell {
 
   static constexpr std::size_t kModels = 2;
   static constexpr double kPathStep = 0.02;  // [s]
-  static constexpr double kJump = 0.5;       // smallest jump back, larger than any disorder [s]
+  static constexpr double kMax = std::numeric_limits<double>::max();
+  static constexpr double kJump = 0.5;  // smallest jump back, larger than any disorder [s]
 
   std::mutex mutex_;  ///< guards what follows
   Config config_;
   std::array<Contestant, kModels> contestants_;
   ModelContest contest_{1.0, 10.0};
-  ros::Time epoch_;                        ///< zero of the monitors' clock
-  ros::Time newest_;                       ///< newest stamp
-  DriveClock drive_;                       ///< starts of drives, on the monitors' clock
-  ground_msgs::Drive::ConstPtr recorded_;  ///< newest start of a drive, recorded by the sender
+  ros::Time epoch_;                                    ///< zero of the monitors' clock
+  ros::Time newest_;                                   ///< newest stamp
+  DriveClock drive_;                                   ///< starts of drives, on the monitors' clock
+  ground_msgs::Drive::ConstPtr recorded_;              ///< newest start of a drive, recorded by the sender
+  std::optional<double> first_command_, first_state_;  ///< on the monitors' clock [s]
   double last_paths_ = 0;
-  std::unique_ptr<ChangeMonitor> changes_;  ///< by the first model; null until that is loaded
-  double watched_since_ = 0;                ///< when the watch of changes began
-  std::set<std::string> named_;             ///< changes since then that are in the log
-  std::string doubt_;                       ///< the newest one in the log
-  ros::Publisher comparison_publisher_, change_publisher_;
-  ros::Subscriber state_subscriber_, controls_subscriber_, drive_subscriber_, telemetry_subscriber_;
+  ros::Publisher comparison_publisher_;
+  bool hears_sent_ = false;
+  ros::Subscriber state_subscriber_, controls_subscriber_, sent_subscriber_, drive_subscriber_,
+      telemetry_subscriber_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
   std::array<ModelService, kModels> services_;
 };

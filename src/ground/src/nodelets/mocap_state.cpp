@@ -252,6 +252,7 @@ class MocapState : public Shell {
       state->nu_dot[i] = estimate.nu_dot(i);
       for (int j = 0; j < 3; ++j) state->nu_covariance[3 * i + j] = estimate.nu_covariance(i, j);
     }
+    writePose(estimate.pose, *state);
     state->age = age();
     state->valid = valid;
     state->status = status;
@@ -297,7 +298,9 @@ class MocapState : public Shell {
         wake_.wait_for(lock, std::chrono::duration<double>(std::min(left, kLook)));
         continue;
       }
-      publish(estimator_.estimate(), false,
+      StateEstimate last = estimator_.estimate();
+      last.pose = PoseMeasurement();  // it is not new
+      publish(last, false,
               last_pose_ == kNever           ? "no pose yet"
               : freezes_ && frozen_.frozen() ? "the pose is frozen"
                                              : "no pose for too long");

@@ -20,7 +20,11 @@ namespace ground {
 /// next start.
 class OpenLoopPRBS : public Controller {
  public:
-  OpenLoopPRBS() : Controller(pilot_) {}
+  OpenLoopPRBS()
+      : Controller(std::make_unique<ExcitationPilot>([this] { return seconds(ros::Time::now()); },
+                                                     [](const ExcitationPilot::Mark&) {},
+                                                     [](const ReferencePilot::Decision&) {})),
+        pilot_(static_cast<ExcitationPilot&>(pilot())) {}
   ~OpenLoopPRBS() override {
     reconfigure_.reset();
     shutdown();
@@ -58,8 +62,7 @@ class OpenLoopPRBS : public Controller {
   }
 
   PrbsFile sequence_;
-  ExcitationPilot pilot_{[this] { return seconds(ros::Time::now()); }, [](const ExcitationPilot::Mark&) {},
-                         [](const ReferencePilot::Decision&) {}};
+  ExcitationPilot& pilot_;
   std::unique_ptr<LiveParameters<OpenLoopPRBSConfig>> reconfigure_;
 };
 

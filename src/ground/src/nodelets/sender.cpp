@@ -1,6 +1,5 @@
 #include <ground/SenderConfig.h>
 #include <ground_msgs/Controls.h>
-#include <ground_msgs/CraftChange.h>
 #include <ground_msgs/Drive.h>
 #include <ground_msgs/SenderStatus.h>
 #include <ground_msgs/Silence.h>
@@ -15,18 +14,17 @@
 #include <cmath>
 #include <csignal>
 #include <cstring>
-#include <filesystem>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <pluginlib/class_list_macros.hpp>
 #include <thread>
 
-#include "ground/control/fence.h"
-#include "ground/estimation/obedience_watch.h"
-#include "ground/link/ground_link.h"
 #include "ground/link/own_stop.h"
+#include "ground/link/protocol.h"
+#include "ground/link/udp_socket.h"
 #include "ground/model/drive_clock.h"
+#include "ground/model/thrust_acceleration.h"
 #include "ground/nodelets/background.h"
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/inheriting_mutex.h"
@@ -36,6 +34,9 @@
 #include "ground/nodelets/real_time_threads.h"
 #include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
+#include "ground/safety/fence_guard.h"
+#include "ground/safety/ground_link.h"
+#include "ground/safety/obedience_watch.h"
 
 namespace ground {
 
@@ -45,8 +46,8 @@ namespace ground {
 /// - port (3333), bind_address (0.0.0.0)
 /// - peer: HOST or HOST:PORT of the craft; empty: learned from its first datagram
 /// - auto_arm (false): arms once, as soon as possible
-/// - model: model file of the craft, for its thrusters and to detect that it does not follow its
-///   commands; empty: a left and a right thruster, and no detection
+/// - model: model file of the craft, for its thrusters, for the thrust that the fence counts, and to detect
+///   that it does not follow its commands; empty: a left and a right thruster, and neither of the others
 /// - own_stop: records of prove_stop, for a remark at arming if the craft of `model` is not proven
 ///   to stop by itself; empty: no remark
 /// - room: file of a room; a craft that is about to leave it is a fault; empty: no bounds
@@ -54,9 +55,10 @@ namespace ground {
 /// - bench (false): the craft is fastened; arms without a state, and allows thrust without lift
 /// - those of Sender.cfg
 ///
-/// Subscribes: controls, state, craft_change. Publishes: ~status (latched), ~telemetry, drive (latched; start
-/// of the newest drive). Services: ~arm and ~silence, in their own thread. Sends zero packets when disarmed,
-/// in fault and at the end.
+/// Subscribes: controls, state. Publishes: ~status (latched), ~telemetry, sent (each command
+/// that has left for the craft, with the time at which it did), drive (latched; start of the newest drive).
+/// Services: ~arm and ~silence, in their own thread. Sends zero packets when disarmed, in fault and at the
+/// end.
 ///
 /// The thread of run() only communicates with the craft. Another one publishes and logs, so that a
 /// hanging master or terminal cannot block the zero packets.
@@ -76,6 +78,7 @@ class Sender : public Shell {
   static constexpr double kFinalPeriod = 0.005;  // [s]
   static constexpr double kTick = 0.002;         // longest wait for the craft [s]
   static constexpr double kStatusPeriod = 0.5;   // [s]
+  static constexpr double kSentPeriod = 0.02;    // longest interval of messages on the same command [s]
   static constexpr const char* kBench = "bench mode: without mocap there is no fence; tie the craft down";
 
   void start(ros::NodeHandle& nh, ros::NodeHandle& topics) override {
@@ -86,7 +89,7 @@ class Sender : public Shell {
     if (!model_file.empty()) {
       const Model model = loadModelAndWarn(model_file);
       obedience_ = std::make_unique<ObedienceWatch>(model);
-      file_ = std::filesystem::path(model_file).stem().string();
+      acceleration_.emplace(model);
       layout_ = model.thrusters;
       craft_ = model.name;
     }
@@ -97,17 +100,19 @@ class Sender : public Shell {
     const auto room = optionalParameter<std::string>(nh, "room", "");
     if (bench_) prepareForBench(room);
     if (!bench_ && room.empty()) NODELET_WARN("sender: no room, so no fence keeps the craft from a wall");
+    if (!room.empty() && model_file.empty())
+      NODELET_WARN("sender: no model, so the fence does not know how fast thrust takes the craft to a wall");
     remark_ = armingRemark();
-    if (!room.empty()) fence_ = Fence(loadRoom(room), 0);
+    if (!room.empty()) guard_.setFence(Fence(loadRoom(room), 0));
     openLink(nh);
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
+    sent_publisher_ = topics.advertise<ground_msgs::Controls>("sent", 20);
     drive_publisher_ = topics.advertise<ground_msgs::Drive>("drive", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
-        nh, [this](const SenderConfig& c) { apply(paramsIn<GroundLinkParams>(c), c.adapt); });
+        nh, [this](const SenderConfig& c) { apply(paramsIn<GroundLinkParams>(c)); });
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
-    if (obedience_) change_subscriber_ = topics.subscribe("craft_change", 10, &Sender::onChange, this);
     state_subscriber_ = topics.subscribe("state", 1, &Sender::onState, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Sender::onControls, this, hints);
     endTidilyOnSignals();
@@ -131,8 +136,10 @@ class Sender : public Shell {
     socket_ = std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
     link_ = std::make_unique<GroundLink>(
         GroundLinkParams(), peer,
-        [this](const std::string& data, const UdpAddress& to) {
-          return socket_->send(data, to) ? std::string() : std::string(std::strerror(errno));
+        [this](const MotorCommand& command, const UdpAddress& to) {
+          if (!socket_->send(encodeMotors(command, *layout_), to)) return std::string(std::strerror(errno));
+          onSent(command);
+          return std::string();
         },
         layout_);
   }
@@ -157,12 +164,12 @@ class Sender : public Shell {
         sigaction(signal, &interrupt, nullptr);
   }
 
-  void apply(GroundLinkParams params, bool adapts) {
+  void apply(GroundLinkParams params) {
     params.require_state = !bench_;
     params.require_lift = params.require_lift && !bench_;
     const std::lock_guard lock(mutex_);
     link_->setParams(params);
-    if (obedience_) obedience_->setParams(params.obedience_timeout, adapts);
+    if (obedience_) obedience_->setTimeout(params.obedience_timeout);
   }
 
   /// Age of a message by its stamp [s]; negative for a stamp in the future.
@@ -171,6 +178,7 @@ class Sender : public Shell {
   void onControls(const ros::MessageEvent<ground_msgs::Controls const>& event) {
     const ground_msgs::Controls& controls = *event.getMessage();
     const std::lock_guard lock(mutex_);
+    confine();  // before thrust is sent
     const std::string other = misfit(controls, *layout_);
     if (other.empty())
       link_->command(steadyNow(), age(controls.header), event.getPublisherName(), readInputs(controls));
@@ -182,50 +190,45 @@ class Sender : public Shell {
 
   void onState(const ground_msgs::State::ConstPtr& state) {
     const std::lock_guard lock(mutex_);
-    const RigidState<double> measured = stateIn(*state);
-    const bool finite = isFinite(measured);
-    const bool valid = state->valid && finite;
+    const MeasuredState measured = measuredState(*state, state->header.stamp.toSec());
+    const bool finite = measured.finite(), valid = measured.valid && finite;
     link_->state(steadyNow(), age(state->header), valid,
-                 state->valid && !finite ? "the state is not finite" : state->status);
-    if (valid) {
-      seen_.emplace(state->header, measured);
-      confine();
-      watchMotion(*state, measured);
-    }
+                 measured.valid && !finite ? "the state is not finite" : measured.problem);
+    guard_.state(measured);
+    confine();
+    if (valid) watchMotion(measured);
     collect();
   }
 
-  /// Checks that the craft stays in the room, carried on from its last valid state. mutex_ is held.
-  void confine() {
-    if (fence_ && seen_) link_->confine(steadyNow(), fence_->objection(seen_->second, age(seen_->first)));
-  }
+  /// Checks that the craft stays in the room. mutex_ is held.
+  void confine() { link_->confine(steadyNow(), guard_.objection(ros::Time::now().toSec())); }
 
   /// Checks whether the craft follows its commands. mutex_ is held.
-  void watchMotion(const ground_msgs::State& message, const RigidState<double>& state) {
+  void watchMotion(const MeasuredState& measured) {
     if (!obedience_) return;
-    const Vector3<double> variance(message.nu_covariance[0], message.nu_covariance[4],
-                                   message.nu_covariance[8]);
-    const std::string instead = obedience_->measured(message.header.stamp.toSec(), state, variance);
+    const std::string instead = obedience_->measured(measured.stamp, measured.state, measured.nu_variance);
     if (!instead.empty()) link_->disobeyed(steadyNow(), instead);
+  }
+
+  /// Stores a command that was sent, for the fence, and publishes it. mutex_ is held.
+  void onSent(const MotorCommand& command) {
+    const ros::Time now = ros::Time::now();
+    guard_.sent(now.toSec(), acceleration_ ? (*acceleration_)(command) : Vector2<double>(0, 0));
+    const double steady = steadyNow();
+    if (now.isZero() || (command == published_ && steady < next_sent_)) return;
+    published_ = command;
+    next_sent_ = steady + kSentPeriod;
+    auto message = boost::make_shared<ground_msgs::Controls>();
+    message->header.stamp = now;
+    const double lift = std::clamp(command.lift, 0.0, 1.0);
+    writeInputs({layout_->clipped(command.thrusters), lift}, *layout_, *message);
+    background_.add([this, message] { sent_publisher_.publish(message); });
   }
 
   /// Stores what is sent, for watchMotion(). mutex_ is held.
   void noteSent() {
     if (!obedience_) return;
     obedience_->sent(ros::Time::now().toSec(), link_->current() == GroundLink::State::kArmed, link_->sent());
-  }
-
-  void onChange(const ground_msgs::CraftChange::ConstPtr& message) {
-    if (message->model != file_) return;
-    const Eigen::Map<const Eigen::VectorXd> change(message->change.data(),
-                                                   static_cast<Eigen::Index>(message->change.size()));
-    const std::lock_guard lock(mutex_);
-    const std::string dead = obedience_->told(change);
-    if (dead.empty()) return;
-    noteSent();
-    background_.add([this, dead] {
-      NODELET_WARN("sender: %s is dead: from now on the craft has to obey as one without it", dead.c_str());
-    });
   }
 
   /// Remark at arming about a bench and the craft's own stop; reads a file.
@@ -256,6 +259,7 @@ class Sender : public Shell {
 
   bool onSilence(ground_msgs::Silence::Request& request, ground_msgs::Silence::Response& response) {
     const std::lock_guard lock(mutex_);
+    confine();  // a last command is sent
     response.message = link_->silence(steadyNow(), request.duration);
     response.success = response.message.empty();
     if (response.success) response.last_packet = ros::Time::now();
@@ -275,12 +279,18 @@ class Sender : public Shell {
       const std::lock_guard lock(mutex_);
       const double now = steadyNow();
       const std::string jump = time_watch_.look();
-      if (!jump.empty()) link_->timeJumped(now, jump);
-      if (came) {
-        if (const auto telemetry = link_->datagram(now, data, from)) report(*telemetry);
+      if (!jump.empty()) {
+        guard_.reset();
+        link_->timeJumped(now, jump);
       }
-      link_->tick(now);
+      if (came) {
+        CraftTelemetry telemetry;
+        const bool understood = decodeTelemetry(data, telemetry);
+        if (link_->datagram(now, understood ? std::make_optional(telemetry) : std::nullopt, from))
+          report(telemetry);
+      }
       if (link_->current() == GroundLink::State::kArmed) confine();  // the craft moves on unseen
+      link_->tick(now);
       if (auto_arm_ && link_->arm(now, remark_).empty()) auto_arm_ = false;
       wait = std::clamp(link_->nextPacket() - now, 0.0, kTick);
       collect();
@@ -326,8 +336,10 @@ class Sender : public Shell {
 
   /// Publishes what the craft has measured. mutex_ is held.
   void report(const CraftTelemetry& t) {
-    if (obedience_ && t.voltage && std::isfinite(*t.voltage) && *t.voltage > 0)
-      obedience_->voltage(*t.voltage);
+    if (t.voltage && std::isfinite(*t.voltage) && *t.voltage > 0) {
+      if (obedience_) obedience_->voltage(*t.voltage);
+      if (acceleration_) acceleration_->setVoltage(*t.voltage);
+    }
     auto message = boost::make_shared<Telemetry>();
     message->header.stamp = ros::Time::now();
     message->voltage = t.voltage.value_or(0);
@@ -383,27 +395,28 @@ class Sender : public Shell {
   InheritingMutex mutex_;  ///< guards all members down to next_status_
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;
-  std::optional<Fence> fence_;                                           ///< no value without a room
-  std::optional<std::pair<std_msgs::Header, RigidState<double>>> seen_;  ///< the last valid state
-  std::unique_ptr<ObedienceWatch> obedience_;                            ///< null without a model
-  ThrusterLayoutPtr layout_ = thrusterPair();                            ///< constant after start()
-  bool bench_ = false;      ///< no state is needed; constant after start()
-  bool real_time_ = false;  ///< constant after start()
-  std::string remark_;      ///< remark of the last arming about bench and own stop; may be empty
+  FenceGuard guard_;
+  std::optional<ThrustAcceleration> acceleration_;  ///< no value without a model
+  std::unique_ptr<ObedienceWatch> obedience_;       ///< null without a model
+  ThrusterLayoutPtr layout_ = thrusterPair();       ///< constant after start()
+  bool bench_ = false;                              ///< no state is needed; constant after start()
+  bool real_time_ = false;                          ///< constant after start()
+  std::string remark_;  ///< remark of the last arming about bench and own stop; may be empty
   bool auto_arm_ = false;
   std::uint64_t collected_ = 0;  ///< revision of the link in the newest status
+  MotorCommand published_;       ///< the last one on `sent`
+  double next_sent_ = 0;         ///< when it is published again, steady clock [s]
   double next_status_ = 0;       ///< steady clock [s]
   DriveClock drive_;             ///< on a clock that begins at epoch_; guarded by mutex_
   ros::Time epoch_;              ///< time of the first command; guarded by mutex_
   RosTimeWatch time_watch_;      ///< used only by run()
   Status logged_;                ///< used only in the thread of background_
   std::atomic<bool> running_{true};
-  ros::Publisher status_publisher_, telemetry_publisher_, drive_publisher_;
+  ros::Publisher status_publisher_, telemetry_publisher_, drive_publisher_, sent_publisher_;
   Background background_;  ///< outlives what reports, and is outlived by the publishers
-  ros::Subscriber controls_subscriber_, state_subscriber_, change_subscriber_;
+  ros::Subscriber controls_subscriber_, state_subscriber_;
   ros::ServiceServer arm_service_, silence_service_;
-  std::string own_stop_, craft_,
-      file_;  ///< file of records, names of the craft and of its file; constant after start()
+  std::string own_stop_, craft_;  ///< file of records, name of the craft; constant after start()
   std::unique_ptr<LiveParameters<SenderConfig>> reconfigure_;
   std::thread link_thread_;
 };

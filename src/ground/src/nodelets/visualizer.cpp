@@ -1,6 +1,5 @@
 #include <ground/VisualizerConfig.h>
 #include <ground_msgs/Controls.h>
-#include <ground_msgs/CraftChange.h>
 #include <ground_msgs/ModelComparison.h>
 #include <ground_msgs/ModelError.h>
 #include <ground_msgs/Reference.h>
@@ -20,7 +19,6 @@
 #include <utility>
 #include <vector>
 
-#include "ground/control/room.h"
 #include "ground/estimation/floor_map.h"
 #include "ground/model/typical.h"
 #include "ground/nodelets/controls.h"
@@ -30,6 +28,7 @@
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
+#include "ground/safety/room.h"
 #include "legend.h"
 
 namespace ground {
@@ -40,7 +39,7 @@ namespace ground {
 ///
 /// Parameters: model (model file, required), room (file of a room, whose walls are shown;
 /// empty: none) and those of Visualizer.cfg, which can be changed at run time.
-/// Subscribes: state, controls, reference, model_error, model_error2, model_comparison, craft_change.
+/// Subscribes: state, controls, reference, model_error, model_error2, model_comparison.
 /// Publishes: path/measured, markers, legend, floor_map, room (latched). Broadcasts the frame "view" with the
 /// axes of world_ned: at the home of the room, or at the craft if there is no room or by `follow`; views and
 /// the legend are in it.
@@ -66,7 +65,6 @@ class Visualizer : public Shell {
         topics.subscribe<ground_msgs::ModelError>("model_error", 50, [this](const auto& m) { onError(m); }),
         keep(topics, "model_error2", errors_[1])};
     comparison_subscriber_ = keep(topics, "model_comparison", comparison_);
-    change_subscriber_ = keep(topics, "craft_change", change_);
     controls_subscriber_ = keep(topics, "controls", controls_);
     reference_subscriber_ = keep(topics, "reference", reference_);
     state_subscriber_ = topics.subscribe("state", 50, &Visualizer::onState, this);
@@ -98,7 +96,6 @@ class Visualizer : public Shell {
       floor_ = FloorMap(config_.cell);
       errors_ = {};
       comparison_.reset();
-      change_.reset();
       reference_.reset();
       last_update_ = last_floor_ = last_legend_ = ros::Time();
     }
@@ -304,9 +301,6 @@ class Visualizer : public Shell {
       const bool is_better = isRecent(errors_[1]) && comparison_ && comparison_->better == errors_[i]->model;
       addModel(lines, *errors_[i], is_better, palette::kModels[i]);
     }
-    if (isRecent(change_))
-      for (const std::string& said : {change_->text, change_->doubt})
-        if (!said.empty()) lines.push_back({said, palette::kMissing});
     lines.push_back(
         {"thrust of each thruster: " + rounded(config_.thrust_length) + " m is " + newtons(fullThrust()),
          palette::kThrusters[0]});
@@ -389,7 +383,6 @@ class Visualizer : public Shell {
   ground_msgs::Reference::ConstPtr reference_;
   std::array<ground_msgs::ModelError::ConstPtr, 2> errors_;
   ground_msgs::ModelComparison::ConstPtr comparison_;
-  ground_msgs::CraftChange::ConstPtr change_;
   FloorMap floor_{0.25};
   double floor_noise_ = 0;  ///< error of a right model [m]
   ros::Time last_update_, last_floor_, last_legend_;
@@ -401,8 +394,7 @@ class Visualizer : public Shell {
   tf2_ros::TransformBroadcaster broadcaster_;
   ros::Publisher measured_publisher_, markers_publisher_, legend_publisher_, floor_publisher_,
       room_publisher_;
-  ros::Subscriber state_subscriber_, controls_subscriber_, comparison_subscriber_, reference_subscriber_,
-      change_subscriber_;
+  ros::Subscriber state_subscriber_, controls_subscriber_, comparison_subscriber_, reference_subscriber_;
   std::array<ros::Subscriber, 2> error_subscribers_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
 };

@@ -8,6 +8,8 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "ground/identification/simulation_error.h"
@@ -69,6 +71,15 @@ template <class Compute>
 auto withoutGil(const Compute& compute) {
   const pybind11::gil_scoped_release release;
   return compute();
+}
+
+/// How a struct passes to other processes: by its members, in the order of its initialiser.
+template <class Struct, class... Members>
+auto pickledBy(Members Struct::*... members) {
+  return pybind11::pickle([=](const Struct& s) { return std::tuple<Members...>(s.*members...); },
+                          [](std::tuple<Members...> all) {
+                            return std::apply([](auto&... each) { return Struct{std::move(each)...}; }, all);
+                          });
 }
 
 /// Defines a property for each parameter in the table of a class or its base.

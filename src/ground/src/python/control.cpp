@@ -14,11 +14,11 @@
 #include "ground/control/effect_use.h"
 #include "ground/control/excitation_pilot.h"
 #include "ground/control/feasibility.h"
-#include "ground/control/fence.h"
-#include "ground/control/fence_bound.h"
 #include "ground/control/prbs.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/tracking_watch.h"
+#include "ground/safety/fence.h"
+#include "ground/safety/fence_bound.h"
 
 namespace py = pybind11;
 

@@ -20,12 +20,8 @@ namespace {
 /// The model without effects whose values change nothing: a Dynamics never computes them.
 Model acting(const Model& model) {
   Model reduced = model;
-  for (const Model::Entry& entry : model.effects) {
-    const auto& all = entry.effect->info().parameters;
-    bool neutral = !all.empty();
-    for (std::size_t i = 0; i < all.size(); ++i) neutral = neutral && entry.values[i] == all[i].neutral;
-    if (neutral) reduced.removeEffect(entry.effect->info().name);
-  }
+  for (const Model::Entry& entry : model.effects)
+    if (entry.isNeutral()) reduced.removeEffect(entry.effect->info().name);
   return reduced;
 }
 

@@ -10,7 +10,6 @@
 
 #include "bindings.h"
 #include "ground/estimation/axis_mapping.h"
-#include "ground/estimation/change_monitor.h"
 #include "ground/estimation/smoother.h"
 
 namespace py = pybind11;
@@ -30,64 +29,6 @@ Eigen::MatrixX3d planarRows(const AxisMapping& mapping, const Eigen::MatrixX3d& 
     if (planar) found.row(i) = planar->transpose();
   }
   return found;
-}
-
-py::list changesOf(const ChangeMonitor& monitor) {
-  py::list all;
-  for (const ChangeMonitor::Change& change : monitor.report().changes) {
-    all.append(py::dict("what"_a = change.what, "since"_a = change.since, "size"_a = change.size,
-                        "lower"_a = change.lower, "upper"_a = change.upper,
-                        "parameters"_a = change.parameters, "alternatives"_a = change.alternatives));
-  }
-  return all;
-}
-
-void bindChangeMonitor(py::module_& module) {
-  py::class_<ChangeMonitor>(module, "ChangeMonitor",
-                            "Names what has changed of a craft while it flies, from its poses and commands.")
-      .def(py::init(
-               [](const Model& model) { return std::make_unique<ChangeMonitor>(model, ObserverParams()); }),
-           "model"_a)
-      .def(
-          "command",
-          [](ChangeMonitor& monitor, double time, const Eigen::VectorXd& thrusters, double lift) {
-            monitor.command(time, thrusters, lift);
-          },
-          "time"_a, "thrusters"_a, "lift"_a,
-          "Adds a command at a time [s]: an input for each thruster in the model's units, and lift, 0..1.")
-      .def(
-          "measure",
-          [](ChangeMonitor& monitor, double time, const Vector3<double>& eta, const Vector3<double>& nu) {
-            return monitor.measure(time, {eta, nu});
-          },
-          "time"_a, "eta"_a, "nu"_a,
-          "Adds a measured pose (3,) and velocity (3,); returns whether the report was updated.")
-      .def_property_readonly(
-          "changes", &changesOf,
-          "The named changes: what, since [s], size, lower, upper, parameters (n,), alternatives.")
-      .def_property_readonly("text", [](const ChangeMonitor& m) { return m.report().text(); })
-      .def_property_readonly(
-          "doubt", [](const ChangeMonitor& m) { return m.report().doubt; },
-          "Why changes cannot be named: the model does not predict the motion. Empty if they can.")
-      .def_property_readonly(
-          "estimate", [](const ChangeMonitor& m) { return m.report().estimate; },
-          "All parameters relative to the model (n,).")
-      .def_property_readonly(
-          "deviation", [](const ChangeMonitor& m) { return m.report().deviation; },
-          "Standard deviations of the estimate (n,).")
-      .def_property_readonly(
-          "names",
-          [](const ChangeMonitor& m) {
-            std::vector<std::string> names;
-            for (const CraftChange::Parameter& one : m.craft().parameters()) names.push_back(one.name);
-            return names;
-          },
-          "Names of the parameters.")
-      .def(
-          "information", &ChangeMonitor::information, "start"_a,
-          "Fisher information (n, n) about jumps at a time [s], by the innovations since then, of eta, nu, a "
-          "push (3), a bias (3), a tilt (2) and the parameters of a change; empty without innovations.")
-      .def("log_ratios", &ChangeMonitor::logRatios, "Log-likelihood ratio now of each explanation, by name.");
 }
 
 }  // namespace
@@ -120,7 +61,6 @@ void bindEstimation(py::module_& module) {
       .def_readwrite("most", &EstimatorParams::most)
       .def_readwrite("gate", &EstimatorParams::gate)
       .def_readwrite("max_gap", &EstimatorParams::max_gap);
-  bindChangeMonitor(module);
   module.def(
       "smooth",
       [](const std::vector<double>& stamps, const Eigen::MatrixX3d& eta, const EstimatorParams& params) {

@@ -55,6 +55,11 @@ RunData makeRun(const std::string& name, const std::vector<double>& times, const
   return run;
 }
 
+/// How a run passes to other processes: the arguments of makeRun.
+using RunState = std::tuple<std::string, std::vector<double>, Eigen::MatrixX3d, Eigen::MatrixX3d,
+                            Eigen::MatrixXd, Eigen::MatrixX3d, Vector3<double>, std::vector<double>,
+                            Eigen::MatrixX3d, InertialData, Payload, Eigen::MatrixX2d, RunScales>;
+
 /// The run with other values; what is not given stays. A known wrench belongs to samples: other times need
 /// another one.
 RunData replaced(const RunData& run, const std::optional<std::vector<double>>& times,
@@ -112,12 +117,8 @@ void defInertialData(py::module_& module) {
                     "Yaw rate [rad/s], specific force ahead and to starboard [m/s^2].")
       .def_readonly("noise", &InertialData::noise, "Standard deviations of a sample.")
       .def_readonly("place", &InertialData::place, "From the measured point, ahead and to starboard [m].")
-      .def(py::pickle(
-          [](const InertialData& d) { return py::make_tuple(d.times, d.values, d.noise, d.place); },
-          [](const py::tuple& t) {
-            return InertialData{t[0].cast<std::vector<double>>(), t[1].cast<Eigen::MatrixX3d>(),
-                                t[2].cast<Vector3<double>>(), t[3].cast<Vector2<double>>()};
-          }));
+      .def(
+          pickledBy(&InertialData::times, &InertialData::values, &InertialData::noise, &InertialData::place));
 }
 
 void defRunScales(py::module_& module) {
@@ -132,29 +133,7 @@ void defRunScales(py::module_& module) {
       .def_readonly("linear_jerk", &One::linear_jerk, "By which poses were smoothed [m/s^2.5].")
       .def_readonly("angular_jerk", &One::angular_jerk, "The same of the heading [rad/s^2.5].")
       .def_readonly("window", &One::window, "Length of the windows over which errors are taken [s].")
-      .def(py::pickle(
-          [](const One& s) { return py::make_tuple(s.max_gap, s.linear_jerk, s.angular_jerk, s.window); },
-          [](const py::tuple& t) {
-            return One{t[0].cast<double>(), t[1].cast<double>(), t[2].cast<double>(), t[3].cast<double>()};
-          }));
-}
-
-/// How a run passes to other processes.
-auto pickled() {
-  return py::pickle(
-      [](const RunData& r) {
-        return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
-                              r.inputs.drive.starts(), r.wrench, r.inertial, r.payload, fromBattery(r),
-                              r.scales);
-      },
-      [](const py::tuple& t) {
-        return makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
-                       t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
-                       t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
-                       t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(),
-                       t[8].cast<Eigen::MatrixX3d>(), t[9].cast<InertialData>(), t[10].cast<Payload>(),
-                       t[11].cast<Eigen::MatrixX2d>(), t[12].cast<RunScales>());
-      });
+      .def(pickledBy(&One::max_gap, &One::linear_jerk, &One::angular_jerk, &One::window));
 }
 
 void defRecording(py::module_& module) {
@@ -196,7 +175,13 @@ void defRecording(py::module_& module) {
             return t;
           },
           "Time since the drive began at each sample [s]: the model's t.")
-      .def(pickled());
+      .def(py::pickle(
+          [](const RunData& r) {
+            return std::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
+                                   r.inputs.drive.starts(), r.wrench, r.inertial, r.payload, fromBattery(r),
+                                   r.scales);
+          },
+          [](const RunState& all) { return std::apply(&makeRun, all); }));
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) {
              return Window{run, first, last};
@@ -205,10 +190,7 @@ void defRecording(py::module_& module) {
       .def_readonly("run", &Window::run)
       .def_readonly("first", &Window::first)
       .def_readonly("last", &Window::last)
-      .def(py::pickle([](const Window& w) { return py::make_tuple(w.run, w.first, w.last); },
-                      [](const py::tuple& t) {
-                        return Window{t[0].cast<int>(), t[1].cast<int>(), t[2].cast<int>()};
-                      }));
+      .def(pickledBy(&Window::run, &Window::first, &Window::last));
   module.def("cut_windows", &cutWindows, "run"_a, "run_index"_a, "start"_a, "end"_a, "length"_a,
              "max_gap"_a = py::none());
 }

@@ -9,12 +9,13 @@
 #include <vector>
 
 #include "bindings.h"
+#include "ground/model/capability.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
+#include "ground/model/random_wrench.h"
 #include "ground/model/simulation.h"
-#include "ground/model/time_scale.h"
 
 namespace py = pybind11;
 
@@ -100,17 +101,16 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
     const Matrix3<double> mobility = dynamics.mass().inverse();
     for (Eigen::Index i = 0; i < count; ++i) {
       const double time = times[static_cast<std::size_t>(i)];
-      const double half = 0.5 * (time - simulation.time());
-      const auto push = [&] {  // half of the impulse acts before the step, half after
-        RigidState<double>& at = simulation.state();
-        Vector3<double> acting = Vector3<double>::Zero();
-        if (pushes) acting += wrench->row(i - 1).transpose();
-        if (draught) acting.head<2>() += worldToBody<double>(at.eta.z(), room->row(i - 1).transpose());
-        at.nu += half * mobility * acting;
-      };
-      if (i > 0 && (pushes || draught)) push();
-      simulation.advance(time);
-      if (i > 0 && (pushes || draught)) push();
+      if (i > 0 && (pushes || draught)) {
+        const double dt = time - simulation.time();
+        Vector3<double> impulse = Vector3<double>::Zero();
+        Vector2<double> in_room = Vector2<double>::Zero();
+        if (pushes) impulse = dt * wrench->row(i - 1).transpose();
+        if (draught) in_room = dt * room->row(i - 1).transpose();
+        advancePushed(simulation, time, mobility, impulse, in_room);
+      } else {
+        simulation.advance(time);
+      }
       eta_out.row(i) = simulation.measure().eta;
       nu_out.row(i) = simulation.measure().nu;
     }
@@ -169,15 +169,21 @@ void defPayload(py::module_& module) {
       .def_readonly("place", &Payload::place, "Of its centre of mass: forward, to starboard [m].")
       .def_readonly("inertia", &Payload::inertia, "About its own centre of mass [kg m^2].")
       .def("empty", &Payload::empty)
-      .def(
-          py::pickle([](const Payload& p) { return py::make_tuple(p.mass, p.place, p.inertia); },
-                     [](const py::tuple& t) {
-                       return Payload{t[0].cast<double>(), t[1].cast<Eigen::Vector2d>(), t[2].cast<double>()};
-                     }));
+      .def(pickledBy(&Payload::mass, &Payload::place, &Payload::inertia));
 }
 
 double voltsOf(const Model& model) { return model.body.volts; }
 void setVolts(Model& model, double volts) { model.body.volts = volts; }
+
+py::list describeParameters(const Model& model) {
+  py::list list;
+  for (const ParameterInfo& info : model.parameters()) {
+    py::dict described = describe(info);
+    described["scale"] = info.scale(model.body);
+    list.append(described);
+  }
+  return list;
+}
 
 void defModel(py::module_& module) {
   py::class_<Model>(module, "Model", "A craft: rigid body and effects.")
@@ -213,18 +219,7 @@ void defModel(py::module_& module) {
       .def("forces", &forcesOf, "inputs"_a,
            "The wrench of inputs (n, thrusters) without effects, over k and k l: X, Y, N (n, 3).")
       .def("copy", [](const Model& m) { return Model(m); })
-      .def(
-          "parameters",
-          [](const Model& m) {
-            py::list list;
-            for (const ParameterInfo& info : m.parameters()) {
-              py::dict described = describe(info);
-              described["scale"] = info.scale(m.body);
-              list.append(described);
-            }
-            return list;
-          },
-          "Name, unit, doc, neutral value and bounds of every parameter.")
+      .def("parameters", &describeParameters, "Name, unit, doc, neutral value and bounds of every parameter.")
       .def("value", &Model::value, "parameter"_a)
       .def("set_value", &Model::setValue, "parameter"_a, "value"_a)
       .def("penalty", &Model::penalty, "parameters"_a,

@@ -42,13 +42,9 @@ py::dict toDict(const ExperimentLog& log) {
   py::list stages;
   for (const ExperimentLog::Stage& stage : log.stages)
     stages.append(py::make_tuple(stage.time, nameOf(stage.state), stage.reason));
-  py::list changes;
-  for (const ExperimentLog::Change& change : log.changes)
-    changes.append(py::make_tuple(change.time, change.text, change.parameters));
   return py::dict("frames"_a = frames, "commands"_a = commands, "truth"_a = truth,
                   "references"_a = references, "decisions"_a = decisions, "marks"_a = marks,
-                  "stages"_a = stages, "changes"_a = changes, "stopped"_a = log.stopped,
-                  "stopped_at"_a = log.stopped_at);
+                  "stages"_a = stages, "stopped"_a = log.stopped, "stopped_at"_a = log.stopped_at);
 }
 
 /// A craft whose motion is written in Python.
@@ -127,13 +123,15 @@ void defPlant(py::module_& module) {
 ExperimentParams experimentParams(const Vector3<double>& eta, const Vector3<double>& nu,
                                   const MocapParams& mocap, unsigned long seed,
                                   const Disturbance& disturbance, Plant* plant,
-                                  const std::pair<double, double>& battery, const Hazards& hazards = {}) {
+                                  const std::pair<double, double>& battery, const Hazards& hazards = {},
+                                  double imu_rate = 0) {
   if (!eta.allFinite() || !nu.allFinite()) throw std::invalid_argument("the initial state is not finite");
   ExperimentParams params{{eta, nu}, mocap, seed};
   params.disturbance = disturbance;
   params.plant = plant;
   params.battery = {battery.first, battery.second};
   params.hazards = hazards;
+  params.imu_rate = imu_rate;
   return params;
 }
 
@@ -147,15 +145,15 @@ void defExperiment(py::module_& module, const char* name, const char* params_nam
       [run](const Model& model, const Model& believed, const Params& drive, const Vector3<double>& eta,
             const Vector3<double>& nu, const MocapParams& mocap, unsigned long seed,
             const Disturbance& disturbance, Plant* plant, const std::pair<double, double>& battery,
-            const Hazards& hazards) {
+            const Hazards& hazards, double imu_rate) {
         const ExperimentParams params =
-            experimentParams(eta, nu, mocap, seed, disturbance, plant, battery, hazards);
+            experimentParams(eta, nu, mocap, seed, disturbance, plant, battery, hazards, imu_rate);
         const auto log = withoutGil([&] { return run(model, believed, drive, params); });
         return toDict(log);
       },
       "model"_a, "believed"_a, py::arg(params_name), "eta"_a, "nu"_a, "mocap"_a, "seed"_a,
       "disturbance"_a = Disturbance(), "plant"_a = nullptr, "battery"_a = std::make_pair(0.0, 1.0),
-      "hazards"_a = Hazards(), doc);
+      "hazards"_a = Hazards(), "imu_rate"_a = 0.0, doc);
 }
 
 void defParams(py::module_& module) {
@@ -178,6 +176,7 @@ void defParams(py::module_& module) {
       .def_readwrite("rate", &LifecycleParams::rate);
   py::class_<DriveParams>(module, "DriveParams", "A controller and its life cycle.")
       .def_readwrite("estimate", &DriveParams::estimate)
+      .def_readwrite("estimator", &DriveParams::estimator)
       .def_readwrite("life", &DriveParams::life)
       .def_readwrite("start", &DriveParams::start)
       .def_readwrite("duration", &DriveParams::duration)
@@ -189,9 +188,7 @@ void defParams(py::module_& module) {
       .def_readwrite("reference", &TrackingParams::reference)
       .def_readwrite("controller", &TrackingParams::controller)
       .def_readwrite("law", &TrackingParams::law)
-      .def_readwrite("max_error", &TrackingParams::max_error)
-      .def_readwrite("watch", &TrackingParams::watch)
-      .def_readwrite("adapt", &TrackingParams::adapt);
+      .def_readwrite("max_error", &TrackingParams::max_error);
   py::class_<ExcitationParams, DriveParams>(module, "ExcitationParams",
                                             "An input design; with a room, in bursts between returns.")
       .def(py::init<>())
@@ -245,7 +242,7 @@ void defExperiments(py::module_& module) {
                 "p, p_dot, p_ddot, p_dddot), decisions (time, stamp of the state, CPU time, fractions of "
                 "the largest input, the same before saturation), stages (time, state, reason), "
                 "stopped (why it stopped early; empty if it did not) and stopped_at. hazards: what goes "
-                "wrong.");
+                "wrong. imu_rate: of a simulated gyro and accelerometer [Hz], 0 for none.");
   defExperiment(module, "excite", "excitation", &excite,
                 "Like track_reference with an input design. Also returns marks (time, number, true "
                 "for a burst and false for a return, reason).");

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "ground/model/random_wrench.h"
+
 namespace ground {
 namespace {
 
@@ -21,8 +23,9 @@ DisturbanceSource::DisturbanceSource(const Disturbance& disturbance, double step
   thrust_factor_ = std::max(kMinThrust, 1 + disturbance.trim_thrust * normal_(random_));
   process_ = disturbance.sigma.cwiseProduct(draw());
   for (int i = 0; i < 3; ++i) {
-    keep_(i) = disturbance.time(i) > 0 ? std::exp(-step / disturbance.time(i)) : 0;
-    drive_(i) = disturbance.sigma(i) * std::sqrt(1 - keep_(i) * keep_(i));
+    const OrnsteinUhlenbeckStep one(disturbance.sigma(i), disturbance.time(i), step);
+    keep_(i) = one.left;
+    drive_(i) = one.fresh;
   }
 }
 

@@ -9,8 +9,8 @@
 #include <stdexcept>
 #include <utility>
 
-#include "adaptive_pilot.h"
 #include "ground/estimation/velocity_estimator.h"
+#include "ground/simulation/simulated_imu.h"
 
 namespace ground {
 namespace {
@@ -25,6 +25,10 @@ class Driver {
   virtual ~Driver() = default;
   /// Called with every frame of the mocap.
   virtual void see(double /*now*/, const MocapFrame& /*frame*/) {}
+  /// Called with every sample of the craft's gyro and accelerometer.
+  virtual void feel(double /*now*/, const ImuSample& /*sample*/) {}
+  /// Called at the start if the craft has such sensors.
+  virtual void mount(const InertialMounting& /*mounting*/) {}
   /// Called when the craft reports the voltage of its battery [V].
   virtual void voltage(double /*volts*/) {}
   /// The commands to issue at `now`; called after every event.
@@ -90,15 +94,24 @@ class LivePilot : public Driver {
       if (!estimate.used && (estimate.ignored || estimate.valid)) return;
       measured.state = {estimate.eta, estimate.nu};
       measured.nu_variance = estimate.nu_covariance.diagonal();
+      measured.pose = estimate.pose;
       measured.valid = estimate.valid && now - leaned_ >= upright_time_;
       measured.problem = estimate.valid ? "the craft leaned too far a moment ago" : estimate.status;
     } else {
       const auto truth = std::find_if(log_.truth.rbegin(), log_.truth.rend(),
                                       [&](const auto& t) { return t.time <= frame.captured; });
       measured.state = truth->measured;
+      measured.pose = poseMeasurement(truth->measured.eta, params_.estimator.position_noise,
+                                      params_.estimator.heading_noise);
     }
     life_->state({now, now}, measured);
   }
+
+  void feel(double now, const ImuSample& sample) override {
+    const auto& [ahead, starboard] = sample.acceleration;
+    estimator_.inertial().sample(now, sample.yaw_rate, Vector2<double>(ahead, starboard));
+  }
+  void mount(const InertialMounting& mounting) override { estimator_.inertial().setMounting(mounting); }
 
   void voltage(double volts) override {
     life_->attempt([&] { pilot_->voltage(volts); });
@@ -196,6 +209,31 @@ void note(const SimulatedLab& room, ExperimentLog& log) {
       {room.time(), state, room.derivative().nu, {seen.eta, seen.nu}, room.wrench(), room.voltage()});
 }
 
+/// The gyro and accelerometer of the craft, if it has them.
+class Sensors {
+ public:
+  Sensors(const ExperimentParams& params, Driver& driver)
+      : driver_(driver), imu_(static_cast<unsigned>(params.seed)), period_(1 / params.imu_rate) {
+    if (!(params.imu_rate > 0)) return;
+    driver_.mount(imu_.mounting());
+    next_ = 0;
+  }
+
+  double next() const { return next_; }
+  /// Takes a sample if one is due.
+  void sample(const SimulatedLab& room) {
+    if (room.time() < next_) return;
+    driver_.feel(room.time(), imu_.sample(room.state(), room.derivative().nu));
+    next_ += period_;
+  }
+
+ private:
+  Driver& driver_;
+  SimulatedImu imu_;
+  double period_;                                          ///< [s]
+  double next_ = std::numeric_limits<double>::infinity();  ///< time of the next sample [s]
+};
+
 void run(const Model& model, Driver& driver, const ExperimentParams& params, ExperimentLog& log) {
   SimulatedLab::Params place;
   place.initial = params.initial;
@@ -208,11 +246,14 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
   std::optional<ModelCraft> own;
   if (!params.plant) own.emplace(model, place);
   SimulatedLab room(params.plant ? *params.plant : *own, params.mocap, place);
+  Sensors sensors(params, driver);
   const double input_max = model.body.input_max;
   while (true) {
     const double captures = room.nextCapture();
-    const double now = std::min({captures, room.nextDelivery(), driver.wakesAt(), driver.end()});
+    const double now =
+        std::min({captures, sensors.next(), room.nextDelivery(), driver.wakesAt(), driver.end()});
     room.advance(now);
+    sensors.sample(room);
     if (now == captures) note(room, log);
     if (now == captures && room.voltage() > 0) driver.voltage(room.voltage());
     for (MocapFrame& frame : room.takeFrames()) {
@@ -272,28 +313,23 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
   Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
   LivePilot live(tracking, params.hazards, log);
-  const auto make = [&tracking](const Model& inside) -> std::unique_ptr<TrackingController> {
-    if (tracking.law) return std::make_unique<LawControl>(tracking.law, inside);
-    std::unique_ptr<TrackingController> made = makeController(inside, tracking.controller);
-    if (tracking.room) made->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
-    return made;
-  };
-  AdaptivePilot pilot([&live] { return live.now(); },
-                      [&log](const ReferencePilot::Decision& made) {
-                        log.decisions.push_back(made);
-                        if (log.references.empty() || made.stamp > log.references.back().time)
-                          log.references.push_back({made.stamp, made.reference});
-                      },
-                      make,
-                      [&log](double stamp, const ChangeMonitor::Report& report) {
-                        log.changes.push_back({stamp, report.text(), report.change});
-                      });
-  if (tracking.watch || tracking.adapt) pilot.watch(believed, tracking.adapt, tracking.room);
-  std::unique_ptr<TrackingController> controller = make(believed);
+  ReferencePilot pilot([&live] { return live.now(); },
+                       [&log](const ReferencePilot::Decision& made) {
+                         log.decisions.push_back(made);
+                         if (log.references.empty() || made.stamp > log.references.back().time)
+                           log.references.push_back({made.stamp, made.reference});
+                       });
+  std::unique_ptr<TrackingController> controller;
+  if (tracking.law) {
+    controller = std::make_unique<LawControl>(tracking.law, believed);
+  } else {
+    controller = makeController(believed, tracking.controller);
+    if (tracking.room) controller->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
+  }
   ReferencePtr reference = makeReference(tracking.reference);
   pilot.setMaxError(tracking.max_error > 0 ? tracking.max_error : defaultMaxError(*reference));
   pilot.setDuration(tracking.duration);
-  pilot.expectObedience(tracking.adapt ? ReferencePilot::kDisobedient : 0);
+  pilot.expectObedience();
   pilot.swapController(controller, believed);
   pilot.swapReference(reference);
   live.take(pilot);

@@ -20,14 +20,18 @@ SimulatedImu::SimulatedImu(unsigned seed) : random_(seed) {
     bias_(i) = normal(kPushBias);
     place_(i) = normal(kImuPlace);
   }
-  mounting_ = Rotation<double>(normal(kImuMounting));
+  angle_ = normal(kImuMounting);
+}
+
+InertialMounting SimulatedImu::mounting() const {
+  return {kTurnUnit, kPushUnit, angle_, place_.x(), place_.y()};
 }
 
 ImuSample SimulatedImu::sample(const RigidState<double>& state, const Vector3<double>& nu_dot) {
   const double r = state.nu.z(), turn = nu_dot.z();
   const Vector2<double> force(nu_dot.x() - r * state.nu.y() - turn * place_.y() - r * r * place_.x(),
                               nu_dot.y() + r * state.nu.x() + turn * place_.x() - r * r * place_.y());
-  const Vector2<double> seen = mounting_.toBody(force) + bias_;
+  const Vector2<double> seen = Rotation<double>(angle_).toBody(force) + bias_;
   ImuSample sample;
   sample.yaw_rate = static_cast<int>(std::lround((r + turn_bias_ + normal(kTurnNoise)) / kTurnUnit));
   for (int i = 0; i < 2; ++i)

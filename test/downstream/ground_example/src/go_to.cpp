@@ -14,25 +14,21 @@ namespace ground_example {
 ///
 /// Parameters: model (file, required), x, y (the point, world_ned, required) [m], tolerance (0.1)
 /// [m], and those of every controller (ground::Controller).
-class GoTo : private ground::Pilot, public ground::Controller {
+class GoToPilot : public ground::Pilot {
  public:
-  GoTo() : Controller(static_cast<ground::Pilot&>(*this)) {}
-  ~GoTo() override { shutdown(); }
-
- private:
   static constexpr double kApproach = 0.7;  ///< natural frequency of spring and damper [rad/s]
   static constexpr double kTurn = 3.0;      ///< natural frequency of the turn [rad/s]
   static constexpr double kSlow = 0.1;      ///< the craft counts as stopped below this speed [m/s]
   static constexpr double kNever = std::numeric_limits<double>::infinity();
 
-  void load(ros::NodeHandle& nh) override {
+  ground::LifecycleParams load(ros::NodeHandle& nh) {
     body_ = ground::loadModelAndWarn(ground::requiredParameter<std::string>(nh, "model")).body;
     point_ = {ground::requiredParameter<double>(nh, "x"), ground::requiredParameter<double>(nh, "y")};
     tolerance_ = ground::optionalParameter<double>(nh, "tolerance", 0.1);
     if (!(tolerance_ > 0)) throw std::runtime_error("parameter tolerance must be above 0 m");
     ground::LifecycleParams params;
     params.recovery_time = 0.5;  // a short loss of the mocap: no thrust, then it continues
-    setParams(params);
+    return params;
   }
 
   void activate(double) override { end_ = kNever; }
@@ -56,11 +52,14 @@ class GoTo : private ground::Pilot, public ground::Controller {
     return {std::clamp((sum + difference) / 2, 0.0, 1.0), std::clamp((sum - difference) / 2, 0.0, 1.0), lift};
   }
 
+ private:
   ground::Body<double> body_;
   ground::Vector2<double> point_;  ///< world_ned [m]
   double tolerance_ = 0;           ///< [m]
   double end_ = kNever;            ///< time at the point, since the start [s]
 };
+
+class GoTo : public ground::ControllerOf<GoToPilot> {};
 
 }  // namespace ground_example
 

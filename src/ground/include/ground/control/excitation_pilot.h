@@ -10,7 +10,7 @@
 #include "ground/control/input_design.h"
 #include "ground/control/predictive_control.h"
 #include "ground/control/reference_pilot.h"
-#include "ground/control/room.h"
+#include "ground/safety/room.h"
 
 namespace ground {
 
@@ -68,6 +68,9 @@ class ExcitationPilot : public Pilot {
 
   void activate(double stamp) override;
   void deactivate() override { active_ = false; }
+  void observe(const MeasuredState& measured) override {
+    if (returns_) home_.observe(measured);
+  }
   std::string objection(const MeasuredState& measured) override;
   Inputs update(double elapsed, double stamp, const RigidState<double>& state, double lift) override;
   double end() const override { return std::min(duration_, ended_); }

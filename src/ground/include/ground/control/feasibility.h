@@ -4,6 +4,7 @@
 
 #include "ground/control/reference_trajectory.h"
 #include "ground/model/model.h"
+#include "ground/safety/room.h"
 
 namespace ground {
 
@@ -17,5 +18,11 @@ namespace ground {
 /// it, only the size of the thrust is compared with the largest one. The message names the worst
 /// instant, and the required and available thrust or moment.
 std::string infeasibility(const ReferenceTrajectory& reference, const Model& model);
+
+/// Why a craft on a reference could not be stopped inside a room, with its margin, if the mocap
+/// were lost for Fence::kLoss; empty if it could. Throws std::invalid_argument on an invalid room.
+std::string leavesRoom(const ReferenceTrajectory& reference, const Room& room);
+/// The same for a reference by its parameters, with the largest size that fits if its kind has one.
+std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference, const Room& room);
 
 }  // namespace ground

@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "ground/control/controller_lifecycle.h"
 #include "ground/control/prbs.h"
+#include "ground/model/inputs.h"
 #include "ground/model/thruster.h"
 
 namespace ground {

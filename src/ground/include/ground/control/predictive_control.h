@@ -46,6 +46,8 @@ class PredictiveControl : public TrackingController {
   void reset() override;
   void commanded(double time, const Thrusters<double>& thrusters, double lift) override;
   Vector2<double> position(const RigidState<double>& measured) const override;
+  void observe(const Observation& observation) override;
+  std::string objection() const override;
   Thrusters<double> decide(const Observation& observation) override;
   Thrusters<double> wanted() const override { return wanted_; }
 

@@ -8,12 +8,13 @@
 #include <utility>
 #include <vector>
 
-#include "ground/control/controller_lifecycle.h"
-#include "ground/control/room.h"
 #include "ground/control/tracking_controller.h"
 #include "ground/control/tracking_watch.h"
-#include "ground/estimation/obedience_monitor.h"
 #include "ground/model/drive_clock.h"
+#include "ground/model/thrust_acceleration.h"
+#include "ground/safety/controller_lifecycle.h"
+#include "ground/safety/obedience_monitor.h"
+#include "ground/safety/room.h"
 
 namespace ground {
 
@@ -44,35 +45,32 @@ class ReferencePilot : public Pilot {
   void swapController(std::unique_ptr<TrackingController>& controller, const Model& model);
   /// Swaps the reference, which then begins from its start.
   void swapReference(ReferencePtr& reference);
-  /// From now on it drives home, until it is activated again, and stops where it would come to rest near it
-  /// if thrust and lift were cut. `why`: for the user.
-  void goHome(const Room& room, const std::string& why);
   /// Position error at which it stops if the error lasts [m].
   void setMaxError(double max_error) { watch_.setMaxError(max_error); }
   /// How long it follows the reference [s].
   void setDuration(double duration) { duration_ = duration; }
   /// Stops if the craft does not follow its commands. For simulations; on the floor the sender
   /// monitors this. Takes effect with the next controller.
-  /// patience: ObedienceMonitor::setPatience.
-  void expectObedience(double patience = 0) {
-    expects_obedience_ = true;
-    patience_ = patience;
-  }
+  void expectObedience() { expects_obedience_ = true; }
   TrackingController* controller() const { return controller_.get(); }
 
   const ThrusterLayout& layout() const override { return *thrusters_; }
-  Vector2<double> acceleration(const Inputs& inputs) const override;
+  Vector2<double> acceleration(const Inputs& inputs) const override {
+    return acceleration_ ? (*acceleration_)(inputs) : Vector2<double>(0, 0);
+  }
   void commanded(double time, const Inputs& inputs) override;
   void voltage(double volts) override;
   void driveBegan(double began, double as_of) override { drive_.record(began, as_of); }
 
   void activate(double stamp) override;
+  void observe(const MeasuredState& measured) override;
   std::string objection(const MeasuredState& measured) override;
   Inputs update(double elapsed, double stamp, const RigidState<double>& state, double lift) override;
   double end() const override { return duration_; }
 
  private:
   ReferencePoint at(double stamp) const;
+  Observation observation(double stamp, const RigidState<double>& state, double lift) const;
 
   Clock clock_, steady_;
   Decided decided_;
@@ -80,26 +78,19 @@ class ReferencePilot : public Pilot {
   static constexpr std::size_t kGiven = 128;
   std::vector<std::pair<double, Inputs>> given_;  ///< the last kGiven commands and their times [s]
   double input_max_ = 1;
-  double push_ = 0;  ///< acceleration per unit of ThrusterLayout::atRest, k/m; 0 if the craft is unknown
-  double nominal_volts_ = 0;  ///< at which k holds [V]; 0: not known
-  std::optional<Dynamics<double>> craft_;
-  std::optional<double> volts_;  ///< of the battery [V]
+  double nominal_volts_ = 0;                        ///< at which k holds [V]; 0: not known
+  std::optional<ThrustAcceleration> acceleration_;  ///< no value if the craft is unknown
+  std::optional<double> volts_;                     ///< of the battery [V]
   ThrusterLayoutPtr thrusters_ = thrusterPair();
   double duration_ = std::numeric_limits<double>::infinity();
   ReferencePtr reference_;
   std::optional<double> reference_start_;  ///< time of the first state with this reference [s]
   TrackingWatch watch_;
-  /// The way home.
-  struct Return {
-    Room room;
-    std::string why;
-    ReferencePtr before;  ///< reference that it followed
-  };
-  std::optional<Return> return_;
   bool expects_obedience_ = false;
-  double patience_ = 0;  ///< [s]
   std::optional<ObedienceMonitor> obedience_;
   DriveClock drive_;
+  PoseMeasurement pose_;  ///< of the last state
+  double lift_ = 1;       ///< of the last command
 };
 
 }  // namespace ground

@@ -1,14 +1,17 @@
 #pragma once
 
-#include "ground/control/fence.h"
+#include <string>
+
+#include "ground/control/plan_walls.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/time_budget.h"
 #include "ground/model/dynamics.h"
 #include "ground/model/inputs.h"
+#include "ground/model/pose_measurement.h"
 
 namespace ground {
 
-/// Input of a controller's decision.
+/// What a controller knows of a state, and for its decision.
 struct Observation {
   double now = 0;            ///< time at which the command will be given [s]
   double stamp = 0;          ///< time at which the state was measured, at most `now` [s]
@@ -17,6 +20,7 @@ struct Observation {
   double reference_start = 0;  ///< time at which the reference begins [s]
   Conditions<double> given;    ///< lift and voltage from now on
   double drive_start = 0;      ///< start of the drive, at which the model's t is 0 [s]
+  PoseMeasurement pose = {};   ///< what was measured, before any filter
 };
 
 /// Computes inputs from states to follow a reference. One thread at a time.
@@ -38,6 +42,10 @@ class TrackingController {
   virtual Vector2<double> position(const RigidState<double>& measured) const {
     return measured.eta.head<2>();
   }
+  /// Called with every state, also with those between decisions.
+  virtual void observe(const Observation& /*observation*/) {}
+  /// Why it cannot work with what it has observed; empty if it can.
+  virtual std::string objection() const { return ""; }
   /// Inputs of all thrusters, in the model's units and within their ranges; not finite if it cannot
   /// decide.
   virtual Thrusters<double> decide(const Observation& observation) = 0;

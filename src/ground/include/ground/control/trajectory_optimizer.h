@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "ground/control/box_minimum.h"
-#include "ground/control/fence.h"
+#include "ground/control/plan_walls.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/model/inputs.h"
 #include "ground/model/pushed_step.h"

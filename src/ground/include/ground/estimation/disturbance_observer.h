@@ -3,16 +3,21 @@
 #include <array>
 #include <cstddef>
 #include <limits>
+#include <optional>
 
+#include "ground/model/pose_measurement.h"
 #include "ground/model/pushed_step.h"
 #include "ground/parameters/ObserverParams.h"
 
 namespace ground {
 
-/// Noise levels of the observer; spectral densities are square roots of one-sided ones.
 /// Estimates pose, velocity and missing acceleration from measured poses and given commands: an
 /// extended Kalman filter with the craft's model and the missing acceleration as a random walk in
 /// the body frame.
+///
+/// It takes poses as the mocap gives them, with their covariance. Gyro and accelerometer, where there are
+/// any, measure the yaw rate, and the acceleration since the last pose, whose random part is also that of
+/// the motion.
 ///
 /// It applies the model's input delay and simulates the states of its effects, without correcting
 /// them. It can therefore predict the state at the time when a command given now will act. It
@@ -38,37 +43,52 @@ class DisturbanceObserver {
   void command(double time, const Thrusters<double>& thrusters, double lift);
   /// The voltage of the battery from now on [V].
   void voltage(double volts) { volts_ = volts; }
-  /// Adds a measurement at `time`. Velocities are used only at a restart. Measurements that are not
-  /// newer than the last one are ignored.
-  void measure(double time, const RigidState<double>& measured);
+  /// Adds a measurement at `time`. The filtered `state` is used only at a restart. Measurements that are not
+  /// newer than the last one, or have no pose, are ignored.
+  void measure(double time, const RigidState<double>& state, const PoseMeasurement& measured);
+  /// Whether there is an estimate.
+  bool started() const { return started_; }
   /// The estimate at `time`, which must not be before the last measurement.
   Estimate at(double time) const;
   /// Covariance of the last estimate's eta, nu and missing acceleration that the noise of the poses alone
   /// causes when the model is right.
-  const Eigen::Matrix<double, 9, 9>& noise() const { return noise_; }
+  Eigen::Matrix<double, 9, 9> noise() const { return noise_.topLeftCorner<9, 9>(); }
   /// Derivatives of eta, nu at the last measurement by those at the one before; the identity after a restart.
   const Eigen::Matrix<double, 6, 6>& transition() const { return transition_; }
   /// Input delay of the model [s].
   double delay() const { return dynamics_.inputDelay(); }
 
  private:
-  using Vector9 = Eigen::Matrix<double, 9, 1>;
-  using Matrix9 = Eigen::Matrix<double, 9, 9>;
+  /// Of eta, nu, missing, and the biases of the sensors.
+  static constexpr int kStates = 12;
+  using Vector = Eigen::Matrix<double, kStates, 1>;
+  using Matrix = Eigen::Matrix<double, kStates, kStates>;
+  using Gain = Eigen::Matrix<double, kStates, 3>;
   struct Command {
     double time = 0;
     Thrusters<double> thrusters;
     double lift = 0;
   };
 
+  /// Velocity of the tracked point, which poses and sensors measure, and its derivatives by nu.
+  struct Velocity {
+    Vector3<double> value;
+    Matrix3<double> by_nu;
+  };
+
   /// Computes the states of effects at the last measurement from the commands before it.
   void settle();
-  void begin(double time, const RigidState<double>& measured);
+  void begin(double time, const RigidState<double>& state, const PoseMeasurement& measured);
   const Command& recent(std::size_t age) const;
   /// Calls step(h, command) for each interval of `from`..`until` with a constant command.
   template <typename Step>
   void replay(double from, double until, Step step) const;
-  void predict(double until);
-  void correct(const Vector3<double>& eta);
+  void predict(double until, const std::optional<InertialMeasurement>& inertial);
+  Velocity velocity(const RigidState<double>& at) const;
+  void feel(const InertialMeasurement& measured, const Velocity& before, double h, const Matrix& F,
+            const Vector& noise);
+  void apply(const Vector& change);
+  void correct(const PoseMeasurement& measured);
 
   Dynamics<double> dynamics_;
   Dynamics<Jet> derivatives_;
@@ -80,8 +100,9 @@ class DisturbanceObserver {
   double time_ = 0;                                          ///< time of the last measurement [s]
   double origin_ = std::numeric_limits<double>::infinity();  ///< start of the drive [s]
   Estimate estimate_;
-  Matrix9 covariance_;  ///< covariance of eta, nu, missing
-  Matrix9 noise_;       ///< its part that the noise of the poses causes
+  Vector3<double> bias_;  ///< of accelerometer and gyro [m/s^2, m/s^2, rad/s]
+  Matrix covariance_;
+  Matrix noise_;  ///< its part that the noise of the poses causes
   Eigen::Matrix<double, 6, 6> transition_;
 };
 

@@ -2,8 +2,10 @@
 
 #include <array>
 #include <cstddef>
+#include <optional>
 
 #include "ground/estimation/motion_filter.h"
+#include "ground/model/pose_measurement.h"
 #include "ground/model/types.h"
 
 namespace ground {
@@ -35,6 +37,8 @@ class InertialFusion {
   /// Whether motion() is to be used for the last pose.
   bool agrees() const { return following_ && agreed_ >= kAgreement; }
   const MotionFilter& motion() const { return motion_; }
+  /// What was measured up to the last pose; nothing unless agrees().
+  std::optional<InertialMeasurement> measurement() const { return agrees() ? measured_ : std::nullopt; }
   /// Why sensors that are mounted are not used; empty if they are.
   const char* status() const { return status_; }
 
@@ -47,7 +51,12 @@ class InertialFusion {
 
   /// Stops following; `why` must outlive this.
   void stop(const char* why);
+  /// Acceleration of the sensor ahead and to starboard, and yaw rate, with their biases.
+  Vector3<double> measuredBy(const Sample& sample) const;
   void correctBy(const Sample& sample);
+  void integrate(double stamp, const Vector3<double>& felt);
+  void beginSpan(double stamp, const Vector3<double>& felt);
+  void endSpan(double stamp, const Sample* next);
   void learnBias(const MotionFilter& by_poses, double dt);
   void compare(const MotionFilter& by_poses, double dt);
   Vector2<double> atMarkers(const Vector2<double>& acceleration) const;
@@ -67,6 +76,12 @@ class InertialFusion {
   double turns_ = 0;
   Vector2<double> pushes_ = Vector2<double>::Zero();
   int summed_ = 0;
+  // Of measuredBy():
+  Vector3<double> felt_ = Vector3<double>::Zero();    ///< at the time felt_at_
+  Vector3<double> change_ = Vector3<double>::Zero();  ///< integral from the last pose to felt_at_
+  double outward_ = 0;                                ///< integral of the yaw rate's square
+  double felt_at_ = 0, began_rate_ = 0;               ///< [s]; yaw rate at the last pose [rad/s]
+  std::optional<InertialMeasurement> measured_;       ///< up to the last pose
   const char* status_ = "no samples yet";
 };
 

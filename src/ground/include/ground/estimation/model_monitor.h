@@ -25,9 +25,41 @@ struct PoseError {
   double heading = 0;   ///< [rad]
 };
 
+/// Says in which channels a model has stopped predicting the motion, and since when.
+///
+/// While a model holds, the missing acceleration stays within what the noise of the poses and the usual
+/// disturbance leave. How long its mean has exceeded three of their deviations is a cumulative sum (Page,
+/// Biometrika 41, 1954), which a collision is too short for. All times are multiples of timeScale(model).
+class FailureWatch {
+ public:
+  explicit FailureWatch(const Model& model);
+
+  /// Forgets everything, as for a new drive.
+  void reset();
+  /// Adds the missing acceleration of a craft with lift, and the part of its variance that is by the noise of
+  /// the poses. moves: whether the craft moves so much that a wrong model would show.
+  void add(double time, const Vector3<double>& missing, const Vector3<double>& variance, bool moves);
+  /// Since when the model has not predicted surge, sway and yaw [s]; NaN where it does.
+  const Vector3<double>& since() const { return since_; }
+
+ private:
+  double time_scale_;            ///< [s]
+  Vector3<double> usual_;        ///< variance of the missing acceleration while the model holds
+  double time_;                  ///< of the last acceleration [s]
+  Vector3<double> once_, mean_;  ///< missing acceleration over about kMean
+  Vector3<double> excess_;       ///< cumulative sums [time scales]
+  Vector3<double> began_;        ///< when they were last 0 [s]
+  Vector3<double> since_;
+};
+
+/// "yaw since 12.4 s, surge since 13.0 s", in the order of time; empty if nothing fails. since:
+/// FailureWatch::since.
+std::string failureText(const Vector3<double>& since);
+
 /// Compares a model with a running experiment: how far its prediction is off, what the noise of the poses
-/// alone would leave of a right model, and the missing wrench. The prediction starts one horizon ago at the
-/// state that a disturbance observer estimated then, and uses the commands since.
+/// alone would leave of a right model, the missing wrench, and since when it has failed. The prediction
+/// starts one horizon ago at the state that a disturbance observer estimated then, and uses the commands
+/// since.
 class ModelMonitor {
  public:
   /// Prediction error at one instant.
@@ -42,6 +74,7 @@ class ModelMonitor {
     PoseError noise;                ///< the same for a right model, by the noise of the poses alone
     bool excited;                   ///< with lift, it moves or should move by far more than noise
     double covered;                 ///< time in the window covered by errors [s]
+    Vector3<double> failing_since;  ///< FailureWatch::since; a new drive begins anew
   };
 
   /// Throws std::invalid_argument on a model that DisturbanceObserver does not support.
@@ -57,9 +90,9 @@ class ModelMonitor {
   void voltage(double time, double volts);
   /// Sets the drives known so far, which define the model's t; commands add later ones.
   void setDrive(const DriveClock& drive) { inputs_.drive = drive; }
-  /// Adds a valid state and returns the prediction error. Returns nothing if there is no state one
-  /// horizon ago, the prediction is not finite, or time has jumped back.
-  std::optional<Error> measure(double time, const RigidState<double>& measured);
+  /// Adds a valid state, with the pose that was measured, and returns the prediction error. Returns nothing
+  /// if there is no state one horizon ago, the prediction is not finite, or time has jumped back.
+  std::optional<Error> measure(double time, const RigidState<double>& state, const PoseMeasurement& measured);
   /// Predicted measurements of poses over the last horizon, about `step` [s] apart.
   std::vector<Vector3<double>> path(double step) const;
   const Model& model() const { return model_; }
@@ -68,10 +101,11 @@ class ModelMonitor {
   using Matrix6 = Eigen::Matrix<double, 6, 6>;
   struct Sample {
     double time;
-    RigidState<double> state;  ///< the observer's estimate, which is less noisy than measurements
-    Vector3<double> measured;  ///< pose
-    Matrix6 noise;             ///< covariance of the estimate by the noise of the poses
-    Matrix6 transition;        ///< derivatives of the estimate by the one before
+    RigidState<double> state;    ///< the observer's estimate, which is less noisy than measurements
+    Vector3<double> measured;    ///< pose
+    Matrix3<double> pose_noise;  ///< its covariance
+    Matrix6 noise;               ///< covariance of the estimate by the noise of the poses
+    Matrix6 transition;          ///< derivatives of the estimate by the one before
   };
   /// Squares of position and heading, whose means over the window are reported.
   struct Score {
@@ -93,6 +127,8 @@ class ModelMonitor {
   InputSequence inputs_;  ///< on a clock that starts at the first state
   Samples samples_;
   std::deque<Score> scores_;
+  FailureWatch failure_;
+  double drive_ = 0;  ///< start of the drive that failure_ watches [s]
 };
 
 /// Which of two models currently predicts better.

@@ -64,6 +64,9 @@ class MotionFilter {
     filter.correct(order, measured - filter.x(order), noise * noise);
   }
 
+  /// Covariance of a pose measured now: the noise of x, y and psi, and of the stamp at this velocity.
+  Matrix3<double> poseCovariance(const EstimatorParams& params) const;
+
   const AxisFilter& axis(int i) const { return axes_[i]; }
   Vector3<double> position() const { return row(0); }      ///< x, y [m], unwrapped psi [rad]
   Vector3<double> velocity() const { return row(1); }      ///< world frame

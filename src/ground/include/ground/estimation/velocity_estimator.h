@@ -13,7 +13,9 @@ struct StateEstimate {
   Vector3<double> nu_dot = Vector3<double>::Zero();  ///< time derivatives of nu, body
   Matrix3<double> eta_covariance = Matrix3<double>::Zero();
   Matrix3<double> nu_covariance = Matrix3<double>::Zero();
-  bool used = false;                   ///< the pose was used
+  PoseMeasurement
+      pose;           ///< the pose itself, if it was used, and what the sensors measured since the last one
+  bool used = false;  ///< the pose was used
   bool ignored = false;                ///< the pose was ignored: its stamp is repeated or late
   bool valid = false;                  ///< enough poses were used, few enough rejected
   const char* status = "no pose yet";  ///< why not used, or why not valid; empty if valid

@@ -130,7 +130,6 @@ class GreyBox {
   /// if there is no run or checkRun() refuses one. All functions throw it
   /// on invalid arguments, and std::runtime_error if the model's motion along a run is not finite.
   GreyBox(std::vector<RunData> runs, const Body<double>& craft);
-  ~GreyBox();
 
   /// Start of a search: the prior's medians, except for a disturbance of 10% of full thrust, and a
   /// force of 3% in the room. If levels start low, the filter trusts the model too much and diverges.

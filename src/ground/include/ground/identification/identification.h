@@ -7,7 +7,7 @@
 ///                     random wrench, score tests of missing effects, and the missing wrench over
 ///                     time (grey_box.h).
 ///   predict           Simulation of windows from measured states, without correction
-///                     (prediction.h).
+///                     (simulation_error.h).
 ///
 /// Example: fit thrust and yaw inertia, then infer the missing wrench.
 ///
@@ -28,6 +28,5 @@
 #pragma once
 
 #include "ground/identification/grey_box.h"
-#include "ground/identification/prediction.h"
 #include "ground/identification/run_data.h"
 #include "ground/identification/simulation_error.h"

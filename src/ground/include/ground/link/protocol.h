@@ -1,27 +1,11 @@
 #pragma once
 
-#include <array>
-#include <cstdint>
-#include <optional>
 #include <string>
 
-#include "ground/model/inputs.h"
 #include "ground/model/thruster.h"
+#include "ground/safety/craft_telemetry.h"
 
 namespace ground {
-
-/// Normalised inputs of the craft.
-using MotorCommand = Inputs;
-
-/// Telemetry of the craft, in the flight controller's units.
-struct CraftTelemetry {
-  float roll = 0, pitch = 0, yaw = 0;
-  std::array<int, 3> acc{}, gyro{}, mag{};
-  /// Number of commands received since power-on; no value if the craft does not count them.
-  std::optional<std::uint32_t> commands;
-  std::optional<float> voltage;       ///< of the battery [V]; no value if the craft does not measure it
-  std::optional<std::uint32_t> boot;  ///< differs after each start; no value if the craft does not send it
-};
 
 /// Datagram to the craft: each motor gets 1000 + 1000 value, clipped to the range of its thruster
 /// in `layout`; both lift motors get the same. Throws std::invalid_argument if a value is not

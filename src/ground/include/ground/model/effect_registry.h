@@ -203,7 +203,7 @@ class ThrusterEffect final
 ///     kActuate           act(p, h, the effect's states, thruster, step inputs)
 ///
 /// `static bool suits(layout, thruster)`, if it has one, says which channels have the effect; by default
-/// those of forces. See src/model/effects/thruster_gain.cpp.
+/// those of forces. See ThrusterGain in src/model/effects/thrust.cpp.
 #define GROUND_REGISTER_THRUSTER_EFFECT(E)                                                          \
   namespace {                                                                                       \
   [[maybe_unused]] const bool E##_registered =                                                      \

@@ -33,6 +33,9 @@ class Model {
   struct Entry {
     EffectPtr effect;
     std::vector<double> values;  ///< as in the model file, in the order of the effect's parameters
+
+    /// Whether the effect changes nothing at these values. One without parameters always acts.
+    bool isNeutral() const;
   };
 
   std::string name;

@@ -44,19 +44,6 @@ class Condition {
   Symbol holds_;
 };
 
-Condition operator<(const Symbol& x, const Symbol& y);
-Condition operator>(const Symbol& x, const Symbol& y);
-Condition operator<=(const Symbol& x, const Symbol& y);
-Condition operator>=(const Symbol& x, const Symbol& y);
-Condition operator==(const Symbol& x, const Symbol& y);
-Condition operator!=(const Symbol& x, const Symbol& y);
-Condition operator&&(const Condition& a, const Condition& b);
-Condition operator||(const Condition& a, const Condition& b);
-Condition operator!(const Condition& a);
-
-/// `a` where the condition holds, else `b`.
-Symbol select(const Condition& condition, const Symbol& a, const Symbol& b);
-
 /// One step of a calculation.
 struct Operation {
   /// "constant", "symbol", an operator of C ("neg": the sign, "select": `?:`), a function of math.h
@@ -77,10 +64,14 @@ class Trace {
   Trace(const Trace&) = delete;
   Trace& operator=(const Trace&) = delete;
 
-  /// What an operation computes from its arguments.
-  using Function = double (*)(const double*);
+  /// What an operation computes from its arguments, and the derivatives of its value by them; null for one
+  /// that is constant almost everywhere, and for sums, products, quotients, sin and cos.
+  struct Function {
+    double (*value)(const double* x);
+    void (*slopes)(const double* x, double y, double* slopes);
+  };
   /// The Function of a name (Operation::name).
-  static Function function(const std::string& name);
+  static const Function& function(const std::string& name);
 
   /// The innermost Trace of this thread. Throws std::logic_error if there is none.
   static Trace& current();
@@ -130,14 +121,44 @@ class Trace {
   std::map<std::tuple<std::string, std::string, std::vector<int>, double>, int> places_;
 };
 
-Symbol abs(const Symbol& x);
-Symbol sqrt(const Symbol& x);
-Symbol exp(const Symbol& x);
-Symbol log(const Symbol& x);
-Symbol sin(const Symbol& x);
-Symbol cos(const Symbol& x);
-Symbol tanh(const Symbol& x);
-Symbol pow(const Symbol& base, const Symbol& exponent);
+/// An operation in the Trace of this thread.
+inline Symbol traced(const char* name, const std::vector<Symbol>& arguments) {
+  return Trace::current().of(name, arguments);
+}
+
+inline Symbol Symbol::operator-() const { return traced("neg", {*this}); }
+inline Symbol operator+(const Symbol& x, const Symbol& y) { return traced("+", {x, y}); }
+inline Symbol operator-(const Symbol& x, const Symbol& y) { return traced("-", {x, y}); }
+inline Symbol operator*(const Symbol& x, const Symbol& y) { return traced("*", {x, y}); }
+inline Symbol operator/(const Symbol& x, const Symbol& y) { return traced("/", {x, y}); }
+
+inline Condition operator<(const Symbol& x, const Symbol& y) { return Condition(traced("<", {x, y})); }
+inline Condition operator>(const Symbol& x, const Symbol& y) { return Condition(traced(">", {x, y})); }
+inline Condition operator<=(const Symbol& x, const Symbol& y) { return Condition(traced("<=", {x, y})); }
+inline Condition operator>=(const Symbol& x, const Symbol& y) { return Condition(traced(">=", {x, y})); }
+inline Condition operator==(const Symbol& x, const Symbol& y) { return Condition(traced("==", {x, y})); }
+inline Condition operator!=(const Symbol& x, const Symbol& y) { return Condition(traced("!=", {x, y})); }
+inline Condition operator&&(const Condition& a, const Condition& b) {
+  return Condition(traced("&&", {a.symbol(), b.symbol()}));
+}
+inline Condition operator||(const Condition& a, const Condition& b) {
+  return Condition(traced("||", {a.symbol(), b.symbol()}));
+}
+inline Condition operator!(const Condition& a) { return Condition(traced("!", {a.symbol()})); }
+
+/// `a` where the condition holds, else `b`.
+inline Symbol select(const Condition& condition, const Symbol& a, const Symbol& b) {
+  return traced("select", {condition.symbol(), a, b});
+}
+
+inline Symbol abs(const Symbol& x) { return traced("abs", {x}); }
+inline Symbol sqrt(const Symbol& x) { return traced("sqrt", {x}); }
+inline Symbol exp(const Symbol& x) { return traced("exp", {x}); }
+inline Symbol log(const Symbol& x) { return traced("log", {x}); }
+inline Symbol sin(const Symbol& x) { return traced("sin", {x}); }
+inline Symbol cos(const Symbol& x) { return traced("cos", {x}); }
+inline Symbol tanh(const Symbol& x) { return traced("tanh", {x}); }
+inline Symbol pow(const Symbol& base, const Symbol& exponent) { return traced("pow", {base, exponent}); }
 
 }  // namespace ground
 

@@ -17,6 +17,10 @@ inline double speed(const Body<double>& b) { return std::sqrt(force(b) / b.m); }
 /// Yaw rate after half a radian at full moment [rad/s].
 inline double yawRate(const Body<double>& b) { return std::sqrt(moment(b) / b.I_z); }
 
+/// A scale that is the same for all crafts.
+inline auto constant(double scale) {
+  return [=](const Body<double>&) { return scale; };
+}
 /// Scale of a coefficient that gives a force [N] from a product of so many speeds and yaw rates.
 inline auto forcePer(int speeds, int turns = 0) {
   return [=](const Body<double>& b) {

@@ -11,10 +11,12 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
 #include <thread>
+#include <utility>
 
 #include "ground/control/reference_pilot.h"
 #include "ground/nodelets/background.h"
@@ -25,7 +27,8 @@
 namespace ground {
 
 /// Base of all controllers: receives states, sends commands, with a ControllerLifecycle in between.
-/// A child has the Pilot that computes the commands; its functions are called with mutex() held.
+/// It owns the Pilot that computes the commands, whose functions are called with mutex() held. Where a
+/// pilot needs nothing else of the nodelet, ControllerOf is all of it.
 ///
 /// Several controllers may be loaded into one manager; the one that was started last drives. Its
 /// commands carry its name in frame_id. The controller that drove before stops and sends nothing,
@@ -44,11 +47,12 @@ class Controller : public Shell {
   ~Controller() override;
 
  protected:
-  /// Does not call the pilot, which may be a member of the child, until it is loaded.
-  explicit Controller(Pilot& pilot) : pilot_(pilot) {}
-  /// Ends thread and callbacks, and sends zero inputs. Every child's destructor must call it first,
-  /// because thread and callbacks use its pilot.
+  /// Does not call the pilot until it is loaded.
+  explicit Controller(std::unique_ptr<Pilot> pilot) : pilot_(std::move(pilot)) {}
+  /// Ends thread and callbacks, and sends zero inputs. The destructor of a child must call it first if its
+  /// pilot or sent() uses members of the child.
   void shutdown();
+  Pilot& pilot() { return *pilot_; }
   /// Loads parameters and advertises; throws if anything is missing or wrong. Called without mutex(),
   /// which callbacks of LiveParameters lock after its own.
   virtual void load(ros::NodeHandle& nh) = 0;
@@ -91,13 +95,14 @@ class Controller : public Shell {
   void changed();
   void publishStatus();
 
-  Pilot& pilot_;  ///< guarded by mutex_
+  std::unique_ptr<Pilot> pilot_;  ///< guarded by mutex_
   Background log_;
   CallbackThread service_callbacks_;
   InheritingMutex mutex_;  ///< guards everything below
   std::string name_;
   ros::Time epoch_, measured_at_;
-  ControllerLifecycle life_{pilot_, [this](const Inputs& inputs) { publish(inputs); }, [this] { changed(); }};
+  ControllerLifecycle life_{*pilot_, [this](const Inputs& inputs) { publish(inputs); },
+                            [this] { changed(); }};
   std::optional<Room> room_;
   bool auto_start_ = false;
   bool real_time_ = false;  ///< constant after loading
@@ -113,6 +118,18 @@ class Controller : public Shell {
   std::condition_variable_any wake_;
   std::atomic<bool> alive_{true};
   std::thread thread_;
+};
+
+/// A controller that is its pilot: P is a Pilot that can be made without arguments and has
+/// LifecycleParams load(ros::NodeHandle&), which reads parameters once and throws if one is missing or wrong.
+template <class P>
+class ControllerOf : public Controller {
+ public:
+  ControllerOf() : Controller(std::make_unique<P>()) {}
+  ~ControllerOf() override { shutdown(); }
+
+ private:
+  void load(ros::NodeHandle& nh) override { setParams(static_cast<P&>(pilot()).load(nh)); }
 };
 
 }  // namespace ground

@@ -45,38 +45,17 @@ template <class Config>
 class ReferenceTracking : public Controller {
  protected:
   /// kind: a name in controllerTable().
-  explicit ReferenceTracking(const std::string& kind) : Controller(pilot_), kind_(controllerInfo(kind)) {}
+  explicit ReferenceTracking(const std::string& kind)
+      : Controller(std::make_unique<ReferencePilot>([this] { return seconds(ros::Time::now()); },
+                                                    [this](const ReferencePilot::Decision& d) { decided(d); },
+                                                    steadyNow)),
+        kind_(controllerInfo(kind)),
+        pilot_(static_cast<ReferencePilot&>(pilot())) {}
   /// See Controller::shutdown. Every child's destructor must call it first.
   void shutdown() {
     model_service_ = ModelService();
     reconfigure_.reset();
     Controller::shutdown();
-  }
-  /// Called with each model that is loaded from a file, in the thread of changes().
-  virtual void loaded(const Model& /*model*/, const std::string& /*file*/) {}
-  /// The thread in which parameters and models change. Subscribers in it end before the object does.
-  CallbackThread& changes() { return reconfigure_->thread(); }
-  const Config& config() const { return config_; }  ///< call in the thread of changes()
-  /// Replaces the model, also while it drives; returns a warning for the user. Call in the thread of
-  /// changes().
-  std::string replaceModel(const Model& model) {
-    requireSameThrusters(*model_.thrusters, *model.thrusters);
-    std::unique_ptr<TrackingController> controller = made(model, config_);
-    const std::string caution = judge(model, *followed_, config_.reference);
-    const std::lock_guard lock(mutex());
-    pilot_.swapController(controller, model);
-    model_ = model;
-    pilot_.setCaution(caution);
-    return caution;
-  }
-  /// Drives home in the room, if there is one, and stops there (ReferencePilot::goHome). Returns whether it
-  /// does. Call in the thread of changes().
-  bool goHome(const std::string& why) {
-    if (!room()) return false;
-    path_publisher_.publish(drawn(*makePoint(room()->home)));
-    const std::lock_guard lock(mutex());
-    pilot_.goHome(*room(), why);
-    return true;
   }
 
  private:
@@ -90,13 +69,20 @@ class ReferenceTracking : public Controller {
     reference_publisher_ = topics().advertise<ground_msgs::Reference>("reference", 4);
     path_publisher_ = topics().advertise<nav_msgs::Path>("path/reference", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) { apply(c); });
-    loaded(model_, file);  // before the service, which calls it in another thread
     model_service_ = ModelService(reconfigure_->thread(), nh, "load_model",
-                                  [this](const Model& m, const std::string& name) {
-                                    const std::string caution = replaceModel(m);
-                                    loaded(m, name);
-                                    return caution;
-                                  });
+                                  [this](const Model& m, const std::string&) { return replaceModel(m); });
+  }
+
+  /// Replaces the model, also while it drives; returns a warning for the user.
+  std::string replaceModel(const Model& model) {
+    requireSameThrusters(*model_.thrusters, *model.thrusters);
+    std::unique_ptr<TrackingController> controller = made(model, config_);
+    const std::string caution = judge(model, *followed_, config_.reference);
+    const std::lock_guard lock(mutex());
+    pilot_.swapController(controller, model);
+    model_ = model;
+    pilot_.setCaution(caution);
+    return caution;
   }
 
   /// Refuses parameters of another kind of controller, which would have no effect.
@@ -219,8 +205,7 @@ class ReferenceTracking : public Controller {
   Config config_;
   ReferenceParams reference_;
   ReferencePtr followed_;  ///< made from reference_; read only by the thread of changes
-  ReferencePilot pilot_{[this] { return seconds(ros::Time::now()); },
-                        [this](const ReferencePilot::Decision& d) { decided(d); }, steadyNow};
+  ReferencePilot& pilot_;
   std::optional<ReferencePoint> point_;  ///< that of a decision that is not published yet
   ros::Time published_;                  ///< stamp of the newest message of the reference; guarded by mutex()
   ros::Publisher reference_publisher_, path_publisher_;

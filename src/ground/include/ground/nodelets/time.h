@@ -5,7 +5,7 @@
 #include <chrono>
 #include <string>
 
-#include "ground/estimation/time_jump.h"
+#include "ground/safety/time_jump.h"
 
 namespace ground {
 

@@ -5,12 +5,12 @@
 #include <string>
 #include <vector>
 
-#include "ground/control/controller_lifecycle.h"
 #include "ground/control/controllers.h"
 #include "ground/control/excitation_pilot.h"
 #include "ground/control/reference_pilot.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/estimation/motion_filter.h"
+#include "ground/safety/controller_lifecycle.h"
 #include "ground/simulation/hazards.h"
 #include "ground/simulation/simulated_lab.h"
 
@@ -24,6 +24,7 @@ struct ExperimentParams {
   /// Disturbance of the craft; Model::disturbance is not used.
   Disturbance disturbance = {};
   BatteryParams battery = {};  ///< of the craft
+  double imu_rate = 0;  ///< samples of a SimulatedImu that the craft sends as they are taken [Hz]; 0: none
   /// The craft, which must outlive the experiment; null for one that moves by the model. With a
   /// given craft, `initial`, `disturbance` and `battery` are not used, and the model gives the number of
   /// thrusters and their largest input. Its clock is that of the experiment.
@@ -36,7 +37,8 @@ struct DriveParams {
   DriveParams() { life.require_armed = false; }
 
   EstimatorParams estimator;
-  bool estimate = true;      ///< otherwise states are exact measurements at the frames' captures
+  /// Otherwise states are exact measurements at the frames' captures; the estimator's noise is still stated.
+  bool estimate = true;
   LifecycleParams life;      ///< no sender has to be armed
   double start = 0.5;        ///< start of the controller; the lift waits for a valid state [s]
   double duration = 20.0;    ///< duration of driving [s]
@@ -58,9 +60,6 @@ struct TrackingParams : DriveParams {
   ControlLaw law;  ///< drives in place of `controller`; empty: it does not
   /// Error at which TrackingWatch stops it [m]; 0: defaultMaxError; infinity: never.
   double max_error = 0;
-  bool watch = false;  ///< a ChangeMonitor runs beside it (ExperimentLog::changes)
-  bool adapt = false;  ///< it does, and named changes of the craft (ChangeMonitor) are taken into the
-                       ///< controller's model
 };
 
 /// An input design; with a room, in bursts between returns to its home.
@@ -101,14 +100,8 @@ struct ExperimentLog {
   std::vector<ReferencePilot::Decision> decisions;  ///< only when tracking or returning home
   std::vector<Stage> stages;                 ///< states of the controller's life cycle, if there is one
   std::vector<ExcitationPilot::Mark> marks;  ///< bursts and returns of an excitation
-  struct Change {
-    double time;                 ///< stamp of the state [s]
-    std::string text;            ///< ChangeMonitor::Report::text()
-    Eigen::VectorXd parameters;  ///< a CraftChange
-  };
-  std::vector<Change> changes;  ///< what a ChangeMonitor said, whenever that changed
-  std::string stopped;          ///< why the controller stopped before its end; empty if it did not
-  double stopped_at = 0;        ///< time at which it stopped [s]
+  std::string stopped;    ///< why the controller stopped before its end; empty if it did not
+  double stopped_at = 0;  ///< time at which it stopped [s]
 };
 
 /// Plays commands for `duration` [s], repeated every 20 ms as by the open-loop controller. Inputs

@@ -3,6 +3,7 @@
 #include <array>
 #include <random>
 
+#include "ground/estimation/inertial_fusion.h"
 #include "ground/model/types.h"
 
 namespace ground {
@@ -23,6 +24,8 @@ class SimulatedImu {
 
   /// A sample at a state of the craft with this acceleration, the derivative of nu.
   ImuSample sample(const RigidState<double>& state, const Vector3<double>& nu_dot);
+  /// How it is mounted and scaled; without its biases.
+  InertialMounting mounting() const;
 
  private:
   double normal(double deviation) { return deviation * normal_(random_); }
@@ -31,7 +34,7 @@ class SimulatedImu {
   std::normal_distribution<double> normal_;
   double turn_bias_;
   Vector2<double> bias_, place_;
-  Rotation<double> mounting_;
+  double angle_;  ///< of the mounting [rad]
 };
 
 }  // namespace ground

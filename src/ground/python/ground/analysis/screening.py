@@ -140,7 +140,7 @@ def _values(of: Sequence[Scalar], every: Dict[str, Array]) -> Array:
     found = np.empty((len(every["t"]), len(of)), np.float32)
     for k, scalar in enumerate(of):
         values = evaluated(filled(scalar.text, scalar.constants), every)
-        found[:, k] = values / max(float(np.sqrt((values**2).mean())), 1e-300)
+        found[:, k] = values / max(float(np.sqrt((values**2).mean())), 1e-150)  # its square is no zero
     return found
 
 

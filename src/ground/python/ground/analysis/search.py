@@ -74,13 +74,15 @@ class Search:
         """The Fit of the model as it is. near: one by another likelihood, from which it starts: with the
         levels of one and the values of another the filter may diverge."""
         if frozenset() not in self.fits:
-            start = self.given if near is None else near.model
-            self.fits[frozenset()] = self.likelihood.fit(start, free_parameters(start), near)
+            found = [] if near is None else self._from_start(near.model, near)
+            if not found:
+                found.append(self.likelihood.fit(self.given, free_parameters(self.given)))
+            self.fits[frozenset()] = found[0]
         return self.fits[frozenset()]
 
     def run(self, near: Optional[Fit] = None) -> FrozenSet[str]:
-        """The likeliest set of significant effects. near: a Fit with whose effects the search
-        begins."""
+        """The likeliest set of significant effects. near: a Fit with whose effects the search begins; an
+        earlier search has tried to swap them already."""
         self.nominal()
         current: FrozenSet[str] = frozenset()
         if near is not None:

@@ -9,7 +9,7 @@ from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tupl
 from ground import _core
 from ground.data import voltage
 from ground.models import Model
-from ground.recordings import findings, quality, readers, suspicions
+from ground.recordings import findings, quality, readers, smoothed, suspicions
 from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.quality import RepairedRun
 from ground.recordings.recording import Recording
@@ -155,8 +155,23 @@ def repaired(
             for recording, one in zip(found, work.each(known)):
                 recording.known.update(one)
                 quality.repaired(recording).recording = recording
-            return [quality.repaired(recording) for recording in found]
-        return list(work.each(map(quality.repaired, found)))
+        else:
+            list(work.each(map(quality.repaired, found)))
+        _share_low_pass(found)
+        return [quality.repaired(recording) for recording in found]
+
+
+def _share_low_pass(found: Sequence[Recording]) -> None:
+    """Takes all recordings as smoothed, or none, where some of them seem to be: a mocap smooths all alike."""
+    alone = [recording.motion.low_pass for recording in found]
+    if None not in alone or not any(alone):
+        return
+    seen = [(r.thrust, r.averaged, r.as_before(None) if r.motion.low_pass else r.motion) for r in found]
+    for recording, own, one in zip(found, alone, smoothed.shared(alone, seen)):
+        if one != own:
+            recording.known.clear()
+            recording.known["motion"] = recording.as_before(one)
+            recording.__dict__.pop("motion", None)
 
 
 def _repaired(thrusters: suspicions.Thrusters, recording: Recording) -> Dict[str, Any]:

@@ -146,7 +146,9 @@ class View:
     def say(self, time: int, name: str, words: str, level: str = "info") -> None:
         """A line of the log; name: who says it; level: of LEVELS."""
         stamp, told = shapes.timestamp(time), clean(words)
-        self._log.log(fx.Log(timestamp=stamp, level=LEVELS[level], message=told, name=name), log_time=time)
+        self._log.log(
+            fx.Log(timestamp=stamp, level=LEVELS[level], message=told, name=clean(name)), log_time=time
+        )
 
     def change(self, time: int, node: str, name: str, before: str, after: str) -> None:
         """A parameter or a model file of a node was changed."""

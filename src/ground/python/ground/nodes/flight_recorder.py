@@ -18,7 +18,7 @@ from ground.support.errors import GroundError
 BEGIN = 20.0  # timeout until the recorder listens [s]
 END = 20.0  # timeout until the bag is closed [s]
 TAIL = 0.3  # time recorded after the end of a flight [s]
-LISTENED = ("controls", "state", "drive")  # topics that the recorder must listen to before a flight
+LISTENED = ("controls", "sent", "state", "drive")  # topics that the recorder must listen to before a flight
 
 
 class FlightRecorder:

@@ -44,7 +44,7 @@ class LiveBuffer:
     """The messages of the last seconds: poses, commands and starts of the drive, with the settings of
     the mocap."""
 
-    TOPICS = {messages.POSE.lstrip("/"): PoseStamped, "controls": Controls, "drive": Drive}
+    TOPICS = {messages.POSE.lstrip("/"): PoseStamped, "controls": Controls, "sent": Controls, "drive": Drive}
     REQUIRED = [messages.POSE.lstrip("/"), "controls"]
 
     def __init__(self, seconds: float) -> None:

@@ -253,8 +253,10 @@ def models_line(feed: Feed) -> str:
 
 
 def off_in_words(error: Message) -> str:
-    """How far a model is off, by its ModelError."""
+    """How far a model is off, and since when it has failed, by its ModelError."""
     name = short(error.model)
+    if error.failure:
+        name = "%s %s" % (name, error.failure)
     if not error.excited:
         return "%s: no excitation, the craft hardly moves" % name
     sizes = [_pose(getattr(error, "position_" + what), getattr(error, "heading_" + what)) for what in SIZES]

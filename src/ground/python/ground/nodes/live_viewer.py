@@ -44,6 +44,7 @@ class LiveViewer:
         self._newest = 0  # stamp of the newest state [ns]
         self._states: Dict[str, Tuple[int, str]] = {}  # last state and reason of nodes
         self._invalid = ""
+        self._failures: Dict[str, str] = {}  # what models do not predict, by name
         self.counts: Dict[str, int] = collections.Counter()  # messages by topic
         self._topics: Dict[str, Tuple[Any, Callable[[int, Message], None]]] = {
             "state": (msg.State, self._state),
@@ -112,6 +113,12 @@ class LiveViewer:
         both = (error.position_error, error.heading_error), (error.position_noise, error.heading_noise)
         view.accuracy(model, at, label, *both, error.horizon, error.excited, error.window)
         view.missing(model, at, label, error.wrench, error.wrench_noise)
+        if error.failure != self._failures.get(label, ""):
+            words = (
+                "%s; next: %s" % (error.failure, error.next) if error.failure else "predicts the motion again"
+            )
+            view.say(at, label, words, "warning" if error.failure else "info")
+            self._failures[label] = error.failure
 
     def _comparison(self, at: int, found: Message) -> None:
         self._view.numbers("/comparison", at, (found.difference, found.standard_error), (found.better,))

@@ -13,6 +13,7 @@ from ground.support.errors import GroundError
 
 OWN = "ground_msgs/Controls"
 CHANNELS = ("left", "right", "lift")  # channels of a craft with unnamed thrusters
+SHORT = 0.1  # share of the commands below which what was sent is only a part of the run
 # Where messages have left, right and lift, unless a mapping says more.
 KINDS = {
     OWN: CHANNELS,
@@ -26,13 +27,13 @@ KINDS = {
 
 
 def ranks(topics: Mapping[str, Topic]) -> Mapping[str, int]:
-    """How likely topics have the commands where none is named: 0 is best."""
-    likely = {OWN: 0, "geometry_msgs/PointStamped": 1}
-    return {
-        name: likely[topic.kind]
-        for name, topic in topics.items()
-        if name.rsplit("/", 1)[-1] == "controls" and topic.kind in likely and topic.count
-    }
+    """How likely topics have the commands where none is named: 0 is best. What has left for the craft counts
+    if it is about as long as what was commanded: it repeats at least 50 times a second."""
+    likely = [("sent", OWN), ("controls", OWN), ("controls", "geometry_msgs/PointStamped")]
+    most = max((topic.count for topic in topics.values() if topic.kind == OWN), default=0)
+    ends = {name: (name.rsplit("/", 1)[-1], topic.kind) for name, topic in topics.items() if topic.count}
+    ends = {n: end for n, end in ends.items() if end[0] != "sent" or topics[n].count > SHORT * most}
+    return {name: likely.index(end) for name, end in ends.items() if end in likely}
 
 
 def channels_of(

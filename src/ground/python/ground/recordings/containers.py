@@ -58,7 +58,7 @@ class Container:
         """Leaves out the topics of other crafts. namespace: of the craft's topics; commands: the topic of its
         commands; each may be empty. GroundError if it is not known which craft to take."""
         ends = [topic.rpartition("/") for topic in self.of_kind("ground_msgs/Controls")]
-        crafts = {place.strip("/"): place + "/" for place, _, end in ends if end == "controls"}
+        crafts = {place.strip("/"): place + "/" for place, _, end in ends if end in ("controls", "sent")}
         only = next(iter(crafts), "") if len(crafts) == 1 else ""
         chosen = (namespace or commands.rpartition("/")[0] or only).strip("/")
         if chosen not in crafts and (namespace or len(crafts) > 1 and not commands):

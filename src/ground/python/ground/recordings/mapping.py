@@ -97,7 +97,7 @@ class Channel:
 class Commands:
     """Where commands are, and what their values mean."""
 
-    topic: str = ""  #: empty: the one named controls
+    topic: str = ""  #: empty: the one named sent, else controls
     file: str = ""  #: pattern of the names of tables that have them
     type: str = ""
     channels: Tuple[Channel, ...] = ()  #: empty: left, right, lift as the type has them

@@ -136,9 +136,10 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
 
     Where the mapping names no topic, poses come from a mocap PoseStamped where there is one, else
     from a PointStamped `pose` or `eta` (x, y, psi), from ground_msgs/State, or from the only topic of
-    another type with poses; commands from the topic `controls`. Mocap poses become world_ned by the
-    mapping's axes and heading_offset where given, else by the settings that were recorded with the
-    run; planar ones take the heading offset; states are corrected already. Raises GroundError.
+    another type with poses; commands from the topic `sent`, which has what left for the craft, else from
+    `controls`. Mocap poses become world_ned by the mapping's axes and heading_offset where given, else by
+    the settings that were recorded with the run; planar ones take the heading offset; states are corrected
+    already. Raises GroundError.
     """
     path, warnings, topics = source.path, source.warnings, source.topics
     posed, commanded = _topics(source, mapping)

@@ -25,6 +25,7 @@ from ground.recordings import headings, repair, smoothed, units
 from ground.recordings.battery import Voltage
 from ground.recordings.commands import CHANNELS
 from ground.recordings.inertial import Samples
+from ground.recordings.low_pass import LowPass
 from ground.recordings.mapping import LIFT, RANGE
 from ground.recordings.run_settings import LiveChange, RunFile, Settings
 from ground.support.annotations import Array, ArrayLike, Path
@@ -193,10 +194,14 @@ class Recording(Plotted):
         of them is left."""
         if "motion" in self.known:
             return cast(repair.Motion, self.known["motion"])
-        given = self.name, self.pose_times, self.eta, self.clock_offset, self.noise, self.frame_rate
-        motion = repair.repair(*given)
+        motion = self.as_before(None)
         found = smoothed.recognised(self.thrust, self.averaged, motion)
-        return motion if found is None else repair.repair(*given, found)
+        return motion if found is None else self.as_before(found)
+
+    def as_before(self, low_pass: Optional[LowPass]) -> repair.Motion:
+        """The repaired poses, and velocities; as before a low-pass of the mocap, or as they were measured."""
+        given = self.name, self.pose_times, self.eta, self.clock_offset, self.noise, self.frame_rate
+        return repair.repair(*given, low_pass)
 
     @property
     def duration(self) -> float:

@@ -40,8 +40,9 @@ MANY, RESIDUALS = 3000, 200  # independent ones of the accelerations, as usual a
 LATE = (0, 1, 2, 3, 5, 8, 13, 20, 30)  # tried delays of a craft [poses]
 HOPELESS = 400.0  # deviance at a rough corner beyond which it filtered no noise
 SEEN = 30.0  # least deviance by which filtered noise shows
-SLACK = 25.0  # deviance by which sound poses may seem likelier
+SLACK = 25.0  # deviance by which sound poses may seem likelier, or smoothed ones, by chance
 LIKELIER, CLEAR = 8.0, 50.0  # least evidence where it shows, and where it does not, in deviances
+LEFT = 0.2  # part of the deviance of sound poses that a low-pass may leave
 
 
 class _Commands:
@@ -71,6 +72,16 @@ class _Commands:
         commands = self._rest(commands[np.maximum(self._at - late, 0)])
         shares = squares_left(commands, self._wanted) / self._squares
         return float(np.exp(np.log(np.maximum(shares, 1e-6)).mean()))
+
+    def gain(self, one: LowPass) -> float:
+        """Deviance by which commands explain the motion better with a low-pass than with lags of a craft."""
+        lags = [
+            replace(one, form="first-order", corner=c * one.rate, both_ways=False, bilinear=kind)
+            for c in CORNERS
+            for kind in (False, True)
+        ]
+        craft = min(self.left(lag, late) for lag in [None, *lags] for late in LATE)
+        return RESIDUALS * float(np.log(craft / self.left(one)))
 
 
 class _Spectrum:
@@ -129,17 +140,22 @@ class _Spectrum:
         position, heading = (float(np.sqrt(levels[best, 1])) for levels, _ in found)
         return float(misfits[best]), replace(one, noise=(position, heading), rounding=self._rounding)
 
+    def sound(self) -> float:
+        """Deviance from motion, white noise and noise of the velocity that no low-pass filtered."""
+        motions = self._motions()
+        lags = 1 / (1 + (self.angles / np.geomspace(0.02, 1.5, 8)[:, None]) ** 2)
+        slow = [*motions, *(motions[0] * lags), *(motions[0] * lags**2)]
+        return self._least([(motion, self.angles**-2, 0 * self.angles + 1) for motion in slow])
+
     def confirms(self, one: LowPass, gain: float) -> bool:
         """Whether a low-pass filtered the noise too; gain: deviance by which commands explain the motion
         better with it than with lags of a craft."""
-        motions, gains = self._motions(), np.abs(one.response(self.angles)) ** 2
-        lags = 1 / (1 + (self.angles / np.geomspace(0.02, 1.5, 8)[:, None]) ** 2)
-        slow = [*motions, *(motions[0] * lags), *(motions[0] * lags**2)]
-        sound = self._least([(motion, self.angles**-2, 0 * self.angles + 1) for motion in slow])
-        hidden = self._least([(motion * gains,) for motion in motions])
-        misfit = self.misfit(one)[0]
+        gains = np.abs(one.response(self.angles)) ** 2
+        hidden = self._least([(motion * gains,) for motion in self._motions()])
+        sound, misfit = self.sound(), self.misfit(one)[0]
         least = LIKELIER if hidden - misfit > SEEN else CLEAR
-        return misfit < min(2 * len(self._sizes), sound + SLACK) and sound - misfit + gain > least
+        explains = misfit < max(2 * len(self._sizes), LEFT * sound)
+        return explains and misfit < sound + SLACK and sound - misfit + gain > least
 
     def _least(self, parts: Sequence[Sequence[Array]]) -> float:
         """The least deviance of positions and headings of some models."""
@@ -168,7 +184,7 @@ def recognised(thrust: Array, averaged: Averaged, motion: Motion) -> Optional[Lo
     """The low-pass that smoothed the poses of a motion of a recording, with the noise before it; None without
     one, and where the commands do not show it."""
     spectrum = _Spectrum(motion.times, motion.measured)
-    if spectrum.is_empty or middle(motion).sum() < FEWEST or not (thrust[1:] != thrust[:-1]).any():
+    if _is_silent(spectrum, thrust, motion):
         return None
     commands = _Commands(thrust, averaged, motion)
 
@@ -194,11 +210,30 @@ def recognised(thrust: Array, averaged: Averaged, motion: Motion) -> Optional[Lo
     if least > EXPLAINED * commands.left(None) or min(spectrum.misfit(one)[0] for one in near) > HOPELESS:
         return None
     one = tuned(min((tuned(one, commands.left) for one in near), key=unlikely), unlikely)
-    lags = [
-        LowPass("first-order", c * spectrum.rate, spectrum.rate, False, kind)
-        for c in CORNERS
-        for kind in (False, True)
-    ]
-    craft = min(commands.left(lag, late) for lag in [None, *lags] for late in LATE)
-    gain = RESIDUALS * float(np.log(craft / commands.left(one)))
-    return spectrum.misfit(one)[1] if spectrum.confirms(one, gain) else None
+    return spectrum.misfit(one)[1] if spectrum.confirms(one, commands.gain(one)) else None
+
+
+def shared(
+    found: Sequence[Optional[LowPass]], seen: Sequence[Tuple[Array, Averaged, Motion]]
+) -> List[Optional[LowPass]]:
+    """What recordings of one mocap tell together where some are smoothed by themselves (found) and others are
+    not: the low-pass of each, or none of any. seen: of each recording, as `recognised` takes them, its
+    poses as they were measured."""
+    known = sorted((one for one in found if one), key=lambda one: one.corner)
+    usual, evidence = known[len(known) // 2], []
+    likeliest: List[Optional[LowPass]] = []
+    for own, given in zip(found, seen):
+        spectrum = _Spectrum(given[2].times, given[2].measured)
+        if _is_silent(spectrum, given[0], given[2]):
+            likeliest.append(usual)
+            continue
+        misfit, one = spectrum.misfit(own or replace(usual, rate=spectrum.rate))
+        evidence.append(spectrum.sound() - misfit + _Commands(*given).gain(one))
+        likeliest.append(one if evidence[-1] > 0 else None)
+    return likeliest if sum(evidence) > SLACK * np.sqrt(len(evidence)) else [None] * len(found)
+
+
+def _is_silent(spectrum: _Spectrum, thrust: Array, motion: Motion) -> bool:
+    """Whether poses or commands are too few to tell a low-pass."""
+    few = spectrum.is_empty or int(middle(motion).sum()) < FEWEST
+    return few or not bool((thrust[1:] != thrust[:-1]).any())
