@@ -38,7 +38,11 @@ class Bench:
     def start(self):
         environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
         self.process = subprocess.Popen(
-            self.command, stdout=subprocess.PIPE, universal_newlines=True, env=environment
+            self.command,
+            stdout=subprocess.PIPE,
+            universal_newlines=True,
+            env=environment,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's job ignores it
         )
         line = self.process.stdout.readline()
         found = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=([\w-]+)", line)
