@@ -1,7 +1,7 @@
 """Quick predictions of the same recordings by many models."""
 
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Tuple
+from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -9,17 +9,23 @@ from ground import _core
 from ground.analysis import horizon as horizons
 from ground.analysis import missing_wrench, thinning
 from ground.analysis.horizon import PoseError
-from ground.analysis.missing_wrench import Missing
+from ground.analysis.residuals import UNITS
 from ground.analysis.window_error import FEW_WINDOWS
 from ground.comparing.predict import Shape
 from ground.data.measured import Part, Recordings, taken
 from ground.models import Model, ModelLike
 from ground.recordings import quality, windows
+from ground.recordings.recording import COMMAND, POSE, VELOCITY, unit
 from ground.support.annotations import Array, Indices
 from ground.support.errors import GroundError, core_errors
+from ground.support.results import with_units
+
+if TYPE_CHECKING:
+    import pandas
 
 MOST_SAMPLES = 8000  # of a missing wrench; of a longer run the part asked for, at a lower rate
 MOST_PARTS = 16  # parts of runs that are kept cut
+SIGMA = "_sigma"  # end of the name of a column
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,9 @@ class Predictor:
     >>> ready.names, ready.horizon  # [s]
     (['run'], 1.0)
     >>> ready.error(craft.with_effect("yaw_bias", n0=2e-5)).heading_deg < 0.2 * ready.error(craft).heading_deg
+    True
+    >>> missing = ready.missing(craft)  # the force and moment that the model lacks, along the run
+    >>> 1e-5 < missing["N"].mean() < 3e-5  # [N m]
     True
     """
 
@@ -76,7 +85,7 @@ class Predictor:
 
     def motion(self, model: Model, run: str, start: float = 0.0, end: float = np.inf) -> Motion:
         """What is measured and predicted of a part of a run, on the run's clock [s]."""
-        key = self.names.index(run), float(start), float(end)
+        key = self._index(run), float(start), float(end)
         if key not in self._shapes:
             if len(self._shapes) > MOST_PARTS:
                 self._shapes.clear()
@@ -84,18 +93,49 @@ class Predictor:
         shape = self._shapes[key]
         return Motion(shape.times, shape.start, shape.measured, shape.predicted(model.core))
 
-    def missing(self, model: Model, run: str, start: float = 0.0, end: float = np.inf) -> Missing:
-        """The force and moment that the model misses along a part of a run."""
+    def measured(self, run: str = "", start: float = 0.0, end: float = np.inf) -> "pandas.DataFrame":
+        """What is measured of a part of a run (of the first by default), on the run's clock [s]: columns as
+        Recording.to_frame has them."""
+        part = self._part(run, start, end)
+        return self._frame(run, np.array(part.times), np.array(part.eta), np.array(part.nu))
+
+    def missing(
+        self, model: Model, run: str = "", start: float = 0.0, end: float = np.inf
+    ) -> "pandas.DataFrame":
+        """The force and moment that the model misses along a part of a run, without collisions: the columns
+        of `measured`, and X, Y [N], N [N m] (body) with their standard deviations X_sigma ...
+        `Model.full_thrust` is their scale."""
         part = thinning.thinned(self._part(run, start, end))
         count = 1 + len(part.times) // MOST_SAMPLES
         if count > 1:
             part = thinning.at_samples(part, slice(0, None, count))
         with core_errors():
             calm = missing_wrench.undisturbed(model.core, part)
-            return missing_wrench.of_wrench(calm, model.core)
+            found = missing_wrench.of_wrench(calm, model.core)
+        eta, nu = np.array(calm.run.eta), np.array(calm.run.nu)
+        frame = self._frame(run, found.times, eta, nu)
+        for i, name in enumerate(UNITS):
+            frame[name], frame[name + SIGMA] = found.wrench[:, i], found.sigma[:, i]
+        return with_units(frame, {name: UNITS.get(name.replace(SIGMA, ""), unit(name)) for name in frame})
+
+    def _frame(self, run: str, times: Array, eta: Array, nu: Array) -> "pandas.DataFrame":
+        import pandas
+
+        inputs = quality.repaired(self.recordings[self._index(run)]).inputs(self.model.core)
+        held = inputs[np.maximum(0, np.searchsorted(inputs[:, 0], times, side="right") - 1), 1:]
+        names = ["t", *POSE, *VELOCITY]
+        taken = [*names, *UNITS]
+        names += [COMMAND + name if name in taken else name for name in self.model.core.channels]
+        frame = pandas.DataFrame(np.column_stack([times, eta, nu, held]), columns=names)
+        return with_units(frame, {name: unit(name) for name in names})
+
+    def _index(self, run: str) -> int:
+        if run and run not in self.names:
+            raise GroundError("there is no run %s" % run)
+        return self.names.index(run) if run else 0
 
     def _part(self, run: str, start: float, end: float) -> _core.RunData:
-        whole = self.runs[self.names.index(run)]
+        whole = self.runs[self._index(run)]
         times = np.array(whole.times)
         at = (times >= start) & (times <= end)
         return whole if at.all() else thinning.at_samples(whole, at)

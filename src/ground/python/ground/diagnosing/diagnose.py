@@ -76,8 +76,8 @@ def diagnose(
     recordings, holdout: recordings or bags to fit to and to test on; holdout judges what is found
     and decides nothing. Without it, parts of recordings are held out. told: called with each line of the
     verdict as soon as it is known. tried: called during the search, whenever more is known of single effects,
-    with what is: dictionaries as in the report's `candidates`, the best first, and `prediction`, how far
-    predicted poses are off with the effect. An exception that it raises ends the search. progress: called
+    with what is: dictionaries as in `Diagnosis.tried`, the best first, and `prediction`, how far predicted
+    poses are off with the effect. An exception that it raises ends the search. progress: called
     with a ground.support.progress.Report at each step. GroundError when a file cannot be read,
     there is no such effect or the recordings are too short. Options, as keyword arguments or as
     DiagnoseOptions:
@@ -109,7 +109,7 @@ def diagnose(
 
     def tested(found: diagnosis.Diagnosis) -> None:
         if tried:
-            tried(document.tested(found))
+            tried([answer.tried(row, {}) for row in document.tested(found)])
 
     def begun() -> diagnosis.Diagnosis:
         """The model as it is, refitted."""

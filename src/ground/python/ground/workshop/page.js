@@ -3,10 +3,11 @@ const token = new URLSearchParams(location.search).get("token") || "";
 const $ = id => document.getElementById(id);
 const VELOCITIES = [["u", "surge u [m/s]"], ["v", "sway v [m/s]"], ["r", "yaw rate r [rad/s]"]];
 const LONG = 60;  // of a longer run, the first so many seconds are shown at first
+const COMMANDS = ["#56b4e9", "#e69f00", "#009e73", "#cc79a7"];
 const config = {responsive: true, displayModeBar: false};
-let S = null, draft = {}, dragging = false, view = {run: "", from: 0, to: 0}, other = "", brushed = null, drawnOf = "", triedOf = "";
+let S = null, draft = {}, dragging = false, view = {run: "", from: 0, to: 0}, other = "", drawnOf = "", triedOf = "";
 let known = {};  // what is drawn: measured, curves, missing
-window.timing = {drag: [], net: [], all: [], first: 0, act: []};
+window.timing = {drag: [], net: [], all: [], first: 0, undo: [], add: []};
 
 /* The server */
 
@@ -52,11 +53,13 @@ function show(before) {
   $("story").textContent = `${S.runs.filter(run => run.role === "fit").length} runs fitted, ${S.runs.filter(run => run.role === "held out").length} held out; model ${now.id}${S.effects.length ? " with " + S.effects.join(", ") : ""}`;
   number(now.error, now.by);
   if (before && before.current !== S.current && S.nodes.length > before.nodes.length) told(now);
+  if (!before && Object.keys(S.formula).length) fill({expression: S.formula.expression || S.formula});
   const key = JSON.stringify([S.current, now.as_is, view, other, S.runs.map(run => run.cuts), S.judge]);
   if (key !== drawnOf && !dragging) { drawnOf = key; draw(); }
 }
 function told(now) {
   const was = now.before || node(now.parent)?.error;
+  if (now.kind === "add") window.timing.add.push(performance.now() - begun);
   if (now.kind === "add") say(`${now.what.replace("add", "Added")}: ${off(was)} before, ${off(now.error)} with it. ${now.helps ? "It helps" : "It does not help"}: ${now.reason}.`, !now.helps);
   if (now.kind === "fit") say(`Fitted: ${off(was)} before, ${off(now.error)} now, each run predicted by a fit to the others.`);
 }
@@ -82,7 +85,8 @@ function showRuns() {
 }
 function choose(name) {
   const run = S.runs.find(one => one.name === name);
-  view = {run: name, from: 0, to: run.end > LONG ? LONG : 0}; brushed = null; $("brushed").hidden = true;
+  view = {run: name, from: 0, to: run.end > LONG ? LONG : 0};
+  if (!$("brushed").hidden) $("brush").click();
 }
 
 /* Parameters: the curves follow the slider */
@@ -244,7 +248,8 @@ function showJobs(before) {
   else if (before && before.running.some(one => one.kind === "fit" || one.kind === "add") && before.nodes.length === S.nodes.length)
     say(S.last.fit?.failed || S.last.add?.failed || "Stopped.", true);
 }
-const begin = (kind, effect = null) => act("begin", {kind, effect});
+let begun = 0;
+const begin = (kind, effect = null) => { begun = performance.now(); return act("begin", {kind, effect}); };
 
 /* The formula */
 
@@ -270,12 +275,12 @@ function showTried() {
   if (found.failed) $("parsed").textContent = `${units}; ${found.failed}`;
   else $("parsed").replaceChildren(`${units}; error ${off(found.before)} → ${off(found.after)}: `, make("span", {className: found.helps ? "yes" : "no", textContent: found.helps ? "it helps" : "it does not help"}));
 }
-function fill(proposal) { for (const c of "XYN") $("f" + c).value = (proposal.expression || {})[c] || ""; triedOf = "offered"; check(); }
+function fill(proposal) { for (const c of "XYN") $("f" + c).value = (proposal.expression || {})[c] || ""; triedOf = "offered"; $("own").open = true; check(); }
 
 /* Figures */
 
 const at = () => ({run: view.run, node: S.current, from: view.from, to: view.to});
-function dark(layout) {
+function styled(layout) {
   const faint = css("--lines"), text = css("--text");
   for (const name of Object.keys(layout).filter(name => /^[xy]axis/.test(name)))
     layout[name] = {gridcolor: faint, zerolinecolor: css("--less"), linecolor: faint, tickfont: {size: 10}, ...layout[name]};
@@ -297,13 +302,15 @@ async function draw() {
     known.places = [3, 4, 5, 6];
     add(curves.predicted, "predicted", colour);
     if (beside) add(beside.predicted, "model " + other, second, "dot");
-    measured.channels.forEach((c, i) => traces.push(line(measured.commands.t, c.y, "command " + c.name, ["#56b4e9", "#e69f00", "#009e73", "#cc79a7"][i % 4], {yaxis: "y4", line: {shape: "hv", width: 1.2, color: ["#56b4e9", "#e69f00", "#009e73", "#cc79a7"][i % 4]}})));
+    measured.channels.forEach((c, i) => traces.push(line(measured.t, c.y, "command " + c.name, COMMANDS[i % 4], {yaxis: "y4", line: {shape: "hv", width: 1.2, color: COMMANDS[i % 4], dash: i > 3 ? "dot" : "solid"}})));
+    const keys = [["measured", black], ["predicted", colour], ...(beside ? [["model " + other, second]] : []), ...measured.channels.map((c, i) => ["command " + c.name, COMMANDS[i % 4]])];
+    $("legend").replaceChildren(...keys.map(([text, color]) => { const key = make("span", {textContent: text}); key.style.setProperty("--key", color); return key; }));
     traces.push(line(measured.y, measured.x, "measured", black, {line: {color: black, width: 2.6}, opacity: .4, xaxis: "x2", yaxis: "y5"}));
     const range = [measured.t[0] ?? 0, measured.t[measured.t.length - 1] ?? 1], band = (i, count) => [1 - (i + 1) / count + .02, 1 - i / count];
     const shapes = run.cuts.map(([a, b]) => ({type: "rect", xref: "x", yref: "paper", x0: a, x1: b, y0: 0, y1: 1, fillcolor: "#888", opacity: .3, line: {width: 0}}));
     if (S.judge && S.judge[0] === view.run) shapes.push({type: "rect", xref: "x", yref: "paper", x0: S.judge[1], x1: S.judge[2], y0: 0, y1: 1, line: {color: "#e69f00", dash: "dash"}});
     const axis = (title, i) => ({title: {text: title, font: {size: 10}, standoff: 2}, domain: band(i, 4), nticks: 4});
-    await Plotly.react($("motion"), traces, dark({margin: {t: 6, b: 32, l: 52, r: 8}, dragmode: $("brush").getAttribute("aria-pressed") === "true" ? "select" : "zoom", selectdirection: "h", shapes, hovermode: "x",
+    await Plotly.react($("motion"), traces, styled({margin: {t: 6, b: 32, l: 52, r: 8}, dragmode: $("brush").getAttribute("aria-pressed") === "true" ? "select" : "zoom", selectdirection: "h", shapes, hovermode: "x",
       xaxis: {domain: [0, .66], range, title: {text: "time [s]", standoff: 2}, anchor: "y4"}, yaxis: axis("u [m/s]", 0), yaxis2: axis("v [m/s]", 1), yaxis3: axis("r [rad/s]", 2), yaxis4: axis("command", 3),
       xaxis2: {domain: [.75, 1], anchor: "y5", title: {text: "y [m]", standoff: 2}, autorange: true}, yaxis5: {anchor: "x2", scaleanchor: "x2", title: {text: "x [m]", standoff: 0}, autorange: true}}), config);
     if (!window.timing.first) window.timing.first = performance.now();
@@ -329,7 +336,7 @@ async function drawMissing(mine, range) {
   traces.push({x: found.y, y: found.x, mode: "markers", type: "scatter", xaxis: "x2", yaxis: "y4", customdata: found.t, hovertemplate: "%{marker.color:.3g}<extra></extra>",
     marker: {size: 4, color: c.y, colorscale: "RdBu", cmin: -most, cmax: most, showscale: true, colorbar: {thickness: 8, x: .93, tickfont: {size: 9}}}});
   Object.assign(layout, {xaxis2: {domain: [.75, .92], anchor: "y4", title: {text: "y [m]", standoff: 2}}, yaxis4: {anchor: "x2", scaleanchor: "x2", title: {text: "x [m]", standoff: 0}}});
-  await Plotly.react($("wrench"), traces, dark(layout), config);
+  await Plotly.react($("wrench"), traces, styled(layout), config);
   listen("wrench", range);
   const names = Object.keys(found.against), wide = 1 / names.length, clouds = [], spread = {margin: {t: 4, b: 32, l: 52, r: 8}, yaxis: {title: {text: `missing ${c.name}<br>[${c.unit}]`, font: {size: 10}}, nticks: 4, zeroline: true}};
   names.forEach((name, i) => {
@@ -337,7 +344,7 @@ async function drawMissing(mine, range) {
     clouds.push({x: found.against[name], y: c.y, mode: "markers", type: "scatter", xaxis: x, customdata: found.t, marker: {size: 3, color: colour, opacity: .5}, hoverinfo: "x+y"});
     spread["xaxis" + (i ? i + 1 : "")] = {domain: [i * wide + (i ? .015 : 0), (i + 1) * wide], title: {text: name, font: {size: 10}, standoff: 2}, nticks: 4};
   });
-  await Plotly.react($("against"), clouds, dark(spread), config);
+  await Plotly.react($("against"), clouds, styled(spread), config);
   listen("against", range);
   $("worst").textContent = `most in ${largest.name}: ${two(largest.rms)} ${largest.unit} rms, ${two(100 * largest.rms / largest.full)}% of full thrust`;
   $("wrench").dataset.drawn = drawnOf;
@@ -371,10 +378,8 @@ function listen(id, range) {
 }
 function zoom(from, to) { view = {...view, from: Math.max(0, from), to}; show(S); }
 function whole() { const run = S.runs.find(one => one.name === view.run); zoom(0, run.end > 20 * LONG ? LONG : run.end + 1e9); view.to = 0; }
-function mark(range) {
-  brushed = range.slice().sort((a, b) => a - b);
-  $("brushed").hidden = false; $("brushed").firstElementChild.textContent = `${brushed[0].toFixed(2)} to ${brushed[1].toFixed(2)} s`;
-}
+function mark(range) { [$("from").value, $("to").value] = range.slice().sort((a, b) => a - b).map(value => value.toFixed(2)); }
+const stretch = () => [Number($("from").value), Number($("to").value)];
 
 function showNext() {
   const next = S.search.next;
@@ -384,13 +389,13 @@ function showNext() {
   $("next").hidden = false; $("next").dataset.of = next.launch;
   const room = S.room || [[-2, -2], [2, -2], [2, 2], [-2, 2]], closed = [...room, room[0]];
   Plotly.react($("next"), [line(closed.map(p => p[1]), closed.map(p => p[0]), "room", css("--less")), line(next.path.y, next.path.x, "open loop", css("--model"))],
-    dark({margin: {t: 5, b: 30, l: 40, r: 5}, xaxis: {title: {text: "y [m]"}}, yaxis: {title: {text: "x [m]"}, scaleanchor: "x"}}), config);
+    styled({margin: {t: 5, b: 30, l: 40, r: 5}, xaxis: {title: {text: "y [m]"}}, yaxis: {title: {text: "x [m]"}, scaleanchor: "x"}}), config);
 }
 
 /* Buttons and keys */
 
 $("fit").onclick = () => begin("fit");
-$("undo").onclick = () => { const begun = performance.now(); act("undo").then(() => window.timing.act.push(performance.now() - begun)); };
+$("undo").onclick = () => { const pressed = performance.now(); act("undo").then(() => window.timing.undo.push(performance.now() - pressed)); };
 $("save").onclick = () => act("save");
 $("search").onclick = () => begin("search");
 $("addformula").onclick = () => entry && begin("add", entry);
@@ -400,12 +405,13 @@ $("channel").onchange = () => { $("channel").dataset.chosen = "yes"; drawMissing
 $("whole").onclick = whole;
 $("brush").onclick = () => {
   const on = $("brush").getAttribute("aria-pressed") !== "true";
-  $("brush").setAttribute("aria-pressed", on);
-  if (on && view.to) mark([view.from, view.to]);
+  $("brush").setAttribute("aria-pressed", on); $("brushed").hidden = !on;
+  if (on) mark(view.to ? [view.from, view.to] : shown);
   Plotly.relayout($("motion"), {dragmode: on ? "select" : "zoom"});
 };
-$("judge").onclick = () => act("judge", {run: view.run, span: brushed});
-$("cut").onclick = () => { act("cut", {run: view.run, span: brushed}); $("brushed").hidden = true; };
+$("zoom").onclick = () => zoom(...stretch());
+$("judge").onclick = () => act("judge", {run: view.run, span: stretch()});
+$("cut").onclick = () => act("cut", {run: view.run, span: stretch()});
 for (const c of "XYN") $("f" + c).oninput = check;
 document.addEventListener("keydown", event => {
   if (event.ctrlKey || event.metaKey || event.altKey || ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName)) return;

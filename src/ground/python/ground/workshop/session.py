@@ -4,17 +4,15 @@ import threading
 from dataclasses import asdict
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
-from ground.analysis import candidates, units
-from ground.comparing.predictor import Predictor
-from ground.models import Model, Room
+from ground import Effect, Model, Predictor, Recording, Room
 from ground.recordings import findings, quality
-from ground.recordings.recording import Recording
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
+from ground.support.event_file import EventFile
 from ground.support.jobs import Jobs
 from ground.workshop import work
-from ground.workshop.work_file import SCHEMA, WorkFile
 
+SCHEMA = "ground/workbench/1"  # of the work file
 FIT, HELD_OUT, OFF = "fit", "held out", "off"  # roles of runs
 
 
@@ -28,7 +26,7 @@ class Session:
         model: Model,
         held_out: Sequence[str],
         room: Optional[Room],
-        file: WorkFile,
+        file: EventFile,
         jobs: Jobs,
     ) -> None:
         self.recordings, self.room, self._file = list(recordings), room, file
@@ -294,36 +292,22 @@ class Session:
 
     def effect(self, given: Any) -> Any:
         """An effect of the library by name, or formulas by channel as an entry of a model file."""
+        model = self.model_of(self.current)
         if isinstance(given, str):
-            if given not in candidates.effects(self.given.core):
-                raise GroundError("there is no effect %s" % given[:80])
+            model.with_effect({"name": given})  # raises where the library has none, or the model has it
             return given
-        if not isinstance(given, dict):
-            raise GroundError("an effect is a name or formulas")
-        if "name" in given and "expression" in given:
-            return given
-        formulas = {k: str(given[k]) for k in ("X", "Y", "N") if str(given.get(k, "")).strip()}
-        if not formulas:
-            raise GroundError("write a formula for X, Y or N")
-        thrusters = self.given.core.thrusters
-        commands = ["u_L", "u_R", *("u_" + t["name"] for t in thrusters)]
-        own = units.parameters(formulas, commands)
-        if not own:
-            raise GroundError("the formula has no parameter that a fit could find, as a in a*u*v")
-        taken = [name for name in self.model_of(self.current).effects if name.startswith("formula")]
-        return {
-            "name": "formula_%d" % (1 + len(taken)) if taken else "formula",
-            "expression": formulas,
-            "parameters": {
-                name: {"unit": unit.replace("?", "-"), "value": 0.0} for name, unit in own.items()
-            },
-        }
+        if "expression" not in given:
+            taken = [name for name in model.effects if name.startswith("formula")]
+            formulas = {channel: str(given.get(channel, "")) for channel in ("X", "Y", "N")}
+            name = "formula_%d" % (1 + len(taken)) if taken else "formula"
+            given = Effect.of_formulas(**formulas, name=name, thrusters=model.thrusters).entry
+        model.with_effect(given)  # raises where it is no effect
+        return given
 
     def check(self, given: Document) -> Document:
         """What is known at once of a formula: its parameters with their units. GroundError says what is
         wrong."""
         entry = self.effect(given)
-        self.model_of(self.current).with_effect(entry)
         self._do({"event": "formula", "formula": given})
         return {"entry": entry, "units": {k: p["unit"] for k, p in entry["parameters"].items()}}
 
@@ -340,7 +324,6 @@ class Session:
             node, ticked, effect = self.current, self.ticked(), None
             if kind in ("add", "try"):
                 effect = self.effect(given)
-                self.model_of(node).with_effect(effect)  # raises at once
             if kind == "search":
                 self._do({"event": "search", "state": "running", "rows": [], "node": node, "answer": [],
                           "proposal": None, "next": None, "judge": self.judge})  # fmt: skip

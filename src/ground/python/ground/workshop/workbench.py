@@ -3,12 +3,11 @@
 import argparse
 import multiprocessing
 import os
-import secrets
 import socket
 import sys
 import webbrowser
-from dataclasses import dataclass
-from typing import Any, Callable, Dict, Optional, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Callable, Dict, Optional, Sequence, Tuple
 
 from ground.data import bag_arguments
 from ground.data.measured import Recordings, distinct, repaired, taken
@@ -18,14 +17,14 @@ from ground.support import command_line
 from ground.support.annotations import Document, Path
 from ground.support.command_line import option
 from ground.support.errors import GroundError
+from ground.support.event_file import EventFile
 from ground.support.jobs import Jobs
+from ground.support.local_server import Server, packed, serve
 from ground.support.progress import Progress, Work, say
 from ground.workshop import scripts, views, work
-from ground.workshop.server import Server, serve
-from ground.workshop.session import FIT, Session
-from ground.workshop.work_file import WorkFile
+from ground.workshop.session import FIT, SCHEMA, Session
 
-OLDEST = (3, 8)
+PAGE = ("page.html", "page.css", "page.js")  # files beside this one
 
 
 @dataclass(frozen=True)
@@ -86,10 +85,9 @@ def workbench(
     # Before the work file is open: its lock ends with this process, also where a job lives longer.
     jobs = Jobs(work.worker(runs, room), heard)
     try:
-        session = Session(
-            runs, given, [run.name for run in runs[len(fitted) :]], room, WorkFile(folder), jobs
-        )
-        server = Server(options.port, secrets.token_urlsafe(24), session, actions(session, folder))
+        file = EventFile(os.path.join(folder, "work.jsonl"), SCHEMA)
+        session = Session(runs, given, [run.name for run in runs[len(fitted) :]], room, file, jobs)
+        server = Server(options.port, _files(), actions(session, folder), session.wait)
         begun(server.address)
         try:
             serve(server)
@@ -102,6 +100,17 @@ def workbench(
 def _room_of(runs: Sequence[Recording]) -> Optional[Room]:
     """The room of the first run that has one."""
     return next((room for room in map(Room.of_recording, runs) if room), None)
+
+
+def _files() -> Dict[str, Tuple[bytes, str]]:
+    """What the browser loads."""
+    from plotly.offline import get_plotlyjs
+
+    found = {"/plotly.js": packed("plotly.js", get_plotlyjs())}
+    for name in PAGE:
+        with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), name), encoding="utf-8") as file:
+            found["/" if name == "page.html" else "/" + name] = packed(name, file.read())
+    return found
 
 
 def actions(session: Session, folder: str) -> Dict[str, Callable[[Document], Any]]:
@@ -123,7 +132,8 @@ def actions(session: Session, folder: str) -> Dict[str, Callable[[Document], Any
 
     def error(of: Document) -> Document:
         model = session.varied(int(of["node"]), dict(of.get("values", {})))
-        return views.error(session.predictor(session.names(FIT)), model)
+        ready = session.predictor(session.names(FIT))
+        return {"seconds": ready.horizon, **asdict(ready.error(model))}
 
     def done(act: Callable[[Document], Any]) -> Callable[[Document], Document]:
         return lambda of: {"done": act(of)}

@@ -1,4 +1,4 @@
-"""The work file: what was done, a line of JSON for each step, on the disk before the page hears of it."""
+"""A file of events: what was done, a line of JSON for each step, on the disk before anybody hears of it."""
 
 import fcntl
 import json
@@ -9,21 +9,19 @@ from ground.support import files
 from ground.support.annotations import Document
 from ground.support.errors import GroundError, reason
 
-NAME = "work.jsonl"
-SCHEMA = "ground/workbench/1"
 
+class EventFile:
+    """Events, appended. A line that was cut off by a crash is dropped. One process has the file at a time."""
 
-class WorkFile:
-    """Events of a workbench. A line that was cut off by a crash is dropped. One process has it at a time."""
-
-    def __init__(self, folder: str) -> None:
-        """GroundError when it cannot be written, is damaged, or another workbench has it."""
-        self.path = os.path.join(folder, NAME)
+    def __init__(self, path: str, schema: str) -> None:
+        """schema: of the first event. GroundError when the file cannot be written, is damaged or of another
+        schema, or another process has it."""
+        self.path = path
         try:
             self._file = open(self.path, "a+b", buffering=0)
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise GroundError("%s: another workbench works on it; give -o another folder" % self.path)
+            raise GroundError("%s: another process works on it; give -o another folder" % self.path)
         except OSError as error:
             raise GroundError("%s: cannot be written (%s)" % (self.path, reason(error)))
         self._file.seek(0)
@@ -34,8 +32,8 @@ class WorkFile:
                 self.events.append(dict(json.loads(line)))
             except (ValueError, TypeError):
                 raise GroundError("%s: line %d is damaged" % (self.path, number))
-        if self.events and self.events[0].get("schema") != SCHEMA:
-            raise GroundError("%s: not the work file of a workbench" % self.path)
+        if self.events and self.events[0].get("schema") != schema:
+            raise GroundError("%s: not a file of the schema %s" % (self.path, schema))
         self._size = os.fstat(self._file.fileno()).st_size - len(rest)
         self._file.truncate(self._size)
 

@@ -1,10 +1,11 @@
-"""The workbench's server: one page, its data as JSON, and events; for this computer alone."""
+"""A server for a page on this computer alone: its files, actions that answer in JSON, and events."""
 
 import gzip
 import hmac
 import json
 import os
 import re
+import secrets
 import sys
 import threading
 import traceback
@@ -14,9 +15,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from ground.support import errors, files
 from ground.support.annotations import Document
-from ground.workshop.session import Session
 
-HERE = os.path.dirname(os.path.abspath(__file__))
 MOST_BYTES = 64 * 1024  # of a request
 MOST_DROPPED = 4 * 1024 * 1024  # of a request that is too long, read and dropped [bytes]
 HOSTS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d+)?")
@@ -27,19 +26,21 @@ POLICY = (
 )
 KINDS = {".js": "text/javascript", ".css": "text/css", ".html": "text/html"}
 Action = Callable[[Document], Any]
+File = Tuple[bytes, str]  # packed content, and kind
 
 
 class Server(ThreadingHTTPServer):
-    """Serves a session on the loopback address. actions: by name, functions of a request's content."""
+    """Serves on the loopback address. files: by path; that of the page is "/", and only that one needs the
+    secret. actions: by name, functions of a request's content. wait: returns the number of the newest state
+    as soon as it is not the one given, or after a time [s]."""
 
     daemon_threads = True
     allow_reuse_address = True
 
-    def __init__(self, port: int, secret: str, session: Session, actions: Dict[str, Action]) -> None:
-        self.secret, self.session, self.actions = secret, session, actions
-        self.pages = {"/" + name: _packed(name) for name in ("page.html", "page.js", "page.css")}
-        self.pages["/"] = self.pages.pop("/page.html")
-        self.pages["/plotly.js"] = _plotly()
+    def __init__(
+        self, port: int, files: Dict[str, File], actions: Dict[str, Action], wait: Callable[[int, float], int]
+    ) -> None:
+        self.secret, self.files, self.actions, self.wait = secrets.token_urlsafe(24), files, actions, wait
         self._working, self._ended, self._idle = 0, False, threading.Condition()
         super().__init__(("127.0.0.1", port), Handler)
 
@@ -86,12 +87,12 @@ class Handler(BaseHTTPRequestHandler):
         """Sends the page, its parts, or events."""
         place = urlsplit(self.path)
         if not self._foreign():
-            if place.path in ("/page.js", "/page.css", "/plotly.js"):  # the same for everybody
-                self._send(200, *self.server.pages[place.path], gzipped=True)
+            if place.path != "/" and place.path in self.server.files:  # the same for everybody
+                self._send(200, *self.server.files[place.path], gzipped=True)
             elif not self._may(parse_qs(place.query).get("token", [""])[0]):
-                self._refuse(403, "wrong or missing token: open the address that the workbench has printed")
+                self._refuse(403, "wrong or missing token: open the address that was printed")
             elif place.path == "/":
-                self._send(200, *self.server.pages["/"], gzipped=True)
+                self._send(200, *self.server.files["/"], gzipped=True)
             elif place.path == "/events":
                 self._events()
             else:
@@ -114,7 +115,7 @@ class Handler(BaseHTTPRequestHandler):
         if name not in self.server.actions:
             return self._refuse(404, "there is no action %s" % name[:40])
         if not self.server.enter():
-            return self._refuse(503, "the workbench ends")
+            return self._refuse(503, "the server ends")
         try:
             content = json.loads(self.rfile.read(int(length)))
             if not isinstance(content, dict):
@@ -139,10 +140,10 @@ class Handler(BaseHTTPRequestHandler):
         self.send_header("Connection", "close")
         self.end_headers()
         self.close_connection = True
-        session, seen = self.server.session, -1
+        seen = -1
         try:
             while True:
-                seen = session.wait(seen, SILENCE)
+                seen = self.server.wait(seen, SILENCE)
                 self.wfile.write(b"data: %d\n\n" % seen)
                 self.wfile.flush()
         except OSError:
@@ -186,15 +187,9 @@ class Handler(BaseHTTPRequestHandler):
         """Nothing is printed of requests."""
 
 
-def _packed(name: str) -> Tuple[bytes, str]:
-    with open(os.path.join(HERE, name), "rb") as file:
-        return gzip.compress(file.read()), KINDS[os.path.splitext(name)[1]]
-
-
-def _plotly() -> Tuple[bytes, str]:
-    from plotly.offline import get_plotlyjs
-
-    return gzip.compress(get_plotlyjs().encode(), 3), KINDS[".js"]
+def packed(name: str, content: str) -> File:
+    """A file to serve."""
+    return gzip.compress(content.encode(), 3), KINDS[os.path.splitext(name)[1]]
 
 
 def serve(server: Server, ended: Optional[threading.Event] = None) -> None:
