@@ -25,7 +25,7 @@ from sphinx.errors import ExtensionError
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 PACKAGE = os.path.join(ROOT, "src", "ground")
 MESSAGES = os.path.join(ROOT, "src", "ground_msgs")
-# Programs beside identify, track and tune
+# Programs beside identify, track, tune and workbench
 PROGRAMS = ["demo", "record", "view", "viewer", "plot", "parameters", "prove_stop"]
 
 
@@ -91,7 +91,7 @@ def verbs():
     for verb in cli.VERBS:
         yield from ["## identify %s" % verb.name, ""]
         yield from code(in_process(lambda argv, verb=verb: cli.main([verb.name] + argv)))
-    for name in cli.PROGRAMS:
+    for name in sorted(set(cli.PROGRAMS) - {verb.name for verb in cli.VERBS}):
         yield from ["## %s" % name, ""]
         yield from code(in_process(lambda argv, name=name: cli.program(name, argv)))
     for name in PROGRAMS:

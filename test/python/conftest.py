@@ -256,8 +256,8 @@ def mapping_as_logged(folder):
     return path
 
 
-@pytest.fixture(scope="module")
-def browser():
+def started_browser():
+    """A browser without a window; the test is skipped where there is none."""
     webdriver = pytest.importorskip("selenium.webdriver")
     service = pytest.importorskip("selenium.webdriver.chrome.service")
     if not shutil.which("chromedriver"):
@@ -266,7 +266,12 @@ def browser():
     for argument in ("--headless=new", "--no-sandbox", "--window-size=1280,900"):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(service=service.Service(shutil.which("chromedriver")), options=options)
+    return webdriver.Chrome(service=service.Service(shutil.which("chromedriver")), options=options)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    driver = started_browser()
     yield driver
     driver.quit()
 

@@ -159,7 +159,7 @@ def test_every_effect_has_its_equation():
 def test_every_program_is_in_the_reference():
     source = (ROOT / "docs" / "from_code.py").read_text()  # parsed, not imported: sphinx may be missing
     listed = ast.literal_eval(re.search(r"^PROGRAMS = (\[.*\])", source, re.M).group(1))
-    listed += ["identify", "track", "tune"]
+    listed += ["identify", "track", "tune", "workbench"]
     names = {path.name for path in SCRIPTS.iterdir()}
     assert set(listed) <= names
     launched = "".join(p.read_text() for p in (ROOT / "launch").rglob("*") if p.is_file())

@@ -31,6 +31,7 @@ NOT_RUN = {
     "docs/howto/file_format.md": "names recordings of a reader; test_mapping.py drafts mappings",
     "docs/howto/index.md": "sets variables for the pages below it",
     "docs/howto/plot.md": "the test of its blocks of Python runs it",
+    "docs/howto/workbench.md": "serves until Ctrl-C; test_workbench.py does what the page says",
     "docs/howto/without_ros.md": "installs packages; test_wheel.py does so in an environment of its own",
 }
 RECORDED = """

@@ -1,4 +1,4 @@
-# Completes rosrun ground identify, track and tune (argcomplete); all else as before.
+# Completes rosrun ground identify, track, tune and workbench (argcomplete); all else as before.
 _ground_programs="$CATKIN_ENV_HOOK_WORKSPACE/lib/ground"
 if ! complete -p rosrun >/dev/null 2>&1 && [ -r /usr/share/bash-completion/completions/rosbash ]; then
   . /usr/share/bash-completion/completions/rosbash
@@ -18,7 +18,7 @@ _ground_complete() {
 _ground_rosrun() {
   if [ "$COMP_CWORD" -gt 2 ] && [ "${COMP_WORDS[1]}" = ground ]; then
     case "${COMP_WORDS[2]}" in
-      identify | track | tune) _ground_complete && return ;;
+      identify | track | tune | workbench) _ground_complete && return ;;
     esac
   fi
   if [ -n "$_ground_former" ]; then

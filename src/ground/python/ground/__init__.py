@@ -19,6 +19,7 @@ from ground.support import public as _public
 _PUBLIC = {
     "effect_library.effects": "Effect EffectParameter Effects effects",
     "comparing.predict": "Prediction predict",
+    "comparing.predictor": "Predictor",
     "fitting.add": "Addition add",
     "discovery.discover": "Discovery discover",
     "data.read": "read",
@@ -40,11 +41,13 @@ _PUBLIC = {
     "results.plot": "Figures plot",
     "simulation.simulate": "simulate",
     "simulation.simulated_run": "SimulatedRun",
+    "workshop.workbench": "workbench",
 }
 _public.HOMES.update({n: "ground." + module for module, names in _PUBLIC.items() for n in names.split()})
 if TYPE_CHECKING:
     from ground.comparing.compare import compare
     from ground.comparing.predict import Prediction, predict
+    from ground.comparing.predictor import Predictor
     from ground.comparing.result import Comparison, RunComparison
     from ground.control.track import Tracking, track
     from ground.data.read import read
@@ -66,6 +69,7 @@ if TYPE_CHECKING:
     from ground.simulation.simulate import simulate
     from ground.simulation.simulated_run import SimulatedRun
     from ground.support.errors import GroundError, GroundWarning, OptionError
+    from ground.workshop.workbench import workbench
 
 __all__ = [  # the names of _PUBLIC, repeated for type checkers
     "Addition",
@@ -87,6 +91,7 @@ __all__ = [  # the names of _PUBLIC, repeated for type checkers
     "OptionError",
     "Parameter",
     "Prediction",
+    "Predictor",
     "Recording",
     "Room",
     "RunComparison",
@@ -106,6 +111,7 @@ __all__ = [  # the names of _PUBLIC, repeated for type checkers
     "simulate",
     "to_mcap",
     "track",
+    "workbench",
 ]
 
 

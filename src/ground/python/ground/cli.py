@@ -22,6 +22,9 @@ class Verb(NamedTuple):
     summary: str
 
 
+WORKBENCH = Verb(
+    "workbench", "workshop.workbench", "a page to fit, look where the model fails, and add what is missing"
+)
 VERBS = [
     Verb("import", "data.import_csv", "converts CSV of rostopic echo -p to a bag"),
     Verb("info", "data.info", "contents and oddities of recordings, and their usable parts"),
@@ -33,12 +36,13 @@ VERBS = [
     Verb("discover", "discovery.discover", "a simulated craft flies and finds its own physics"),
     Verb("add", "fitting.add", "adds an effect to a model, refits it, and shows the error before and after"),
     Verb("history", "ledger.history", "what drifts, what jumped, and which craft is odd, over many runs"),
+    WORKBENCH,
     Verb("export", "exporting.export", "a model as NumPy, CasADi or C code; a run as MCAP for viewers"),
     Verb("tracking", "control.tracking", "how recorded crafts followed their reference"),
 ]
 TRACK = Verb("track", "control.track", "drives a simulated craft along a reference, without ROS running")
 TUNE = Verb("tune", "control.tune", "searches for the gains of a controller in closed loop, on all cores")
-PROGRAMS = {verb.name: verb for verb in (TRACK, TUNE)}  # programs that are one verb
+PROGRAMS = {verb.name: verb for verb in (TRACK, TUNE, WORKBENCH)}  # programs that are one verb
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
@@ -85,6 +89,11 @@ def track() -> int:
 def tune() -> int:
     """Entry point of tune."""
     return errors.guarded("tune", lambda: program("tune"))
+
+
+def workbench() -> int:
+    """Entry point of workbench."""
+    return errors.guarded("workbench", lambda: program("workbench"))
 
 
 def _run(name: str, arguments: argparse.Namespace) -> int:

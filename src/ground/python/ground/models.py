@@ -185,6 +185,25 @@ class Model(Shown):
         """Values of all parameters by name, in their units."""
         return {name: self.core.value(name) for name in described(self.core)}
 
+    @property
+    def thrusters(self) -> Tuple[str, ...]:
+        """Names of its thrusters."""
+        return tuple(str(one["name"]) for one in self.core.thrusters)
+
+    @property
+    def free(self) -> Tuple[str, ...]:
+        """Parameters that runs can determine: the nominal ones, and all of its effects."""
+        from ground.analysis import window_error
+
+        return tuple(window_error.free_parameters(self.core))
+
+    @property
+    def full_thrust(self) -> Dict[str, float]:
+        """What full thrust gives: X, Y [N], N [N m]."""
+        from ground.analysis import missing_wrench
+
+        return dict(zip("XYN", missing_wrench.full_scale(self.core).tolist()))
+
     def __getitem__(self, parameter: str) -> float:
         try:
             return float(self.core.value(parameter))

@@ -59,7 +59,8 @@ class StepwiseDiagnosis:
 
     runs: _core.RunData to fit to, of which long ones are used in parts (ground.analysis.excerpts);
     candidates: effects to try; threads: 0 for all cores; work: told of what is done; matters: least change of
-    predicted position [mm] and heading [deg] that matters, (2,), by default horizon.what_matters.
+    predicted position [mm] and heading [deg] that matters, (2,), by default horizon.what_matters; tested:
+    called with it when more is known of single effects (trials, prediction_with).
     """
 
     def __init__(
@@ -70,8 +71,9 @@ class StepwiseDiagnosis:
         threads: int = 0,
         work: Optional[Work] = None,
         matters: Optional[Array] = None,
+        tested: Callable[["StepwiseDiagnosis"], None] = lambda found: None,
     ) -> None:
-        self.all_runs = runs
+        self.all_runs, self.tested_one = runs, tested
         self.runs = runs = excerpts.spread(runs)
         self.given = model
         self.candidates = candidates
@@ -116,6 +118,7 @@ class StepwiseDiagnosis:
             self.each,
             self.work,
             lambda better, current: self._refuted(better, current, whole=False) is None,
+            lambda: self.tested_one(self),
         )
         self.search.nominal(near)
         self.nominal = self.judge(frozenset())
@@ -195,8 +198,9 @@ class StepwiseDiagnosis:
         """Adds the effects that earn their place. Units of progress are sets that are refitted, then
         effects."""
         with self.work.stage("searching for missing effects"):
+            self.tested_one(self)
             found = self._simplest(self._likeliest_set())
-        self.tried = self._trials()
+        self.tried = self.trials()
         for better in self.search.refused(found):
             why = self._refuted(better, found)
             if why:
@@ -413,7 +417,7 @@ class StepwiseDiagnosis:
 
     # Single effects added to the nominal model
 
-    def _trials(self) -> List[evidence.Trial]:
+    def trials(self) -> List[evidence.Trial]:
         """Trials of all effects, each added to the nominal model, best first."""
         tests, found = self.search.test_beside(frozenset()), []
         for candidate in self.candidates:
@@ -432,6 +436,14 @@ class StepwiseDiagnosis:
         fit, gain = self.search.fits[found], self.search.ratio(found, found - {name})
         parameters = [p for p in fit.parameters if p["name"].split(".")[0] == name]
         return evidence.trial(name, fit.model, parameters, gain, self.samples)
+
+    def prediction_with(self, trial: evidence.Trial) -> Optional[horizon.PoseError]:
+        """How far predicted poses are off of the nominal model with a Trial's effect, on the runs fitted to;
+        None if it was not refitted, or runs are too short."""
+        fit = self.search.fits.get(frozenset([trial.name]))
+        if fit is None or not len(self.starts.windows):
+            return None
+        return horizon.PoseError.of(self.starts.errors(self.runs, [fit.model] * len(self.starts.windows)))
 
     def judged_of(self, trial: evidence.Trial) -> Optional[folds.Judged]:
         """folds.Judged of the nominal model with a Trial's effect; None if it was not refitted."""

@@ -47,7 +47,8 @@ class LookAlike:
 class Search:
     """Sets of effects added to a model, on the runs of a Likelihood. candidates: the effects by name; each:
     maps pieces of work over items, in parallel if it can; work: told of what is done; holds(better, current):
-    whether a grown set does better on held-out data, too."""
+    whether a grown set does better on held-out data, too; tested: called when more is known of effects that
+    are added to the model as it is."""
 
     def __init__(
         self,
@@ -57,9 +58,10 @@ class Search:
         each: Each = map,
         work: Optional[Work] = None,
         holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
+        tested: Callable[[], None] = lambda: None,
     ) -> None:
         self.likelihood, self.given, self.candidates = likelihood, given, candidates
-        self.each, self.work, self.holds = each, work or Work(), holds
+        self.each, self.work, self.holds, self.tested = each, work or Work(), holds, tested
         # number of parameters of each effect
         self.sizes = {name: len(parameters_of(c.add(given), name)) for name, c in candidates.items()}
         self._swapped: Set[str] = set()  # effects that were tried to be swapped already
@@ -171,6 +173,8 @@ class Search:
             self.work.step()
             if fit is not None:
                 self.fits[current | set(added)] = fit
+        if not current:
+            self.tested()
         return [current | set(p) for p in proposals if current | set(p) in self.fits]
 
     def beside(self, current: FrozenSet[str], name: str) -> Optional[FrozenSet[str]]:

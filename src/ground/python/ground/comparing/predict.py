@@ -175,7 +175,7 @@ def predict(
 
     def course(run: _core.RunData, model: _core.Model) -> Optional[Course]:
         try:
-            shape = _Shape.of(run, horizon, given.core)
+            shape = Shape.of(run, horizon, given.core)
         except GroundError:  # too short
             return None
         return shape.predicted(model), shape.measured
@@ -192,7 +192,7 @@ def predict(
 
 def prediction(model: Model, run: _core.RunData, seconds: float, zero: float = 0.0) -> Prediction:
     """The Prediction of a _core.RunData; see predict."""
-    shape = _Shape.of(run, seconds, model.core)
+    shape = Shape.of(run, seconds, model.core)
     predicted, ahead = shape.predicted(model.core), shape.ahead
     whole = not np.isfinite(seconds)
     seconds = float(ahead.max()) if whole else seconds
@@ -226,7 +226,7 @@ def prediction(model: Model, run: _core.RunData, seconds: float, zero: float = 0
 
 
 @dataclass(frozen=True)
-class _Shape:
+class Shape:
     """Parts of a run that are predicted, one after the other."""
 
     run: _core.RunData
@@ -234,7 +234,7 @@ class _Shape:
     splits: List[int]  # the samples at which the predicted parts of the tiles begin
 
     @classmethod
-    def of(cls, run: _core.RunData, seconds: float, model: _core.Model) -> "_Shape":
+    def of(cls, run: _core.RunData, seconds: float, model: _core.Model) -> "Shape":
         """Those of some seconds, or whole stretches if seconds are infinite; GroundError without any."""
         if np.isfinite(seconds):
             return cls(run, *_tiles(run, seconds))

@@ -3,7 +3,7 @@
 import argparse
 import inspect
 from dataclasses import dataclass
-from typing import Any, Callable, Iterator, List, Sequence, Type
+from typing import Any, Callable, Iterator, List, Sequence, Tuple, Type
 
 from ground.data import measured as api
 from ground.data import read as reader
@@ -79,6 +79,21 @@ def add_reading_arguments(parser: "argparse._ActionsContainer") -> None:
         choices=["unpadded"],
         help="nanoseconds after the point of the stamps in a table have no leading zeros: mend them",
     )
+    parser.add_argument(
+        "--leave-out",
+        type=_span,
+        metavar="RUN=FROM,TO",
+        nargs="+",
+        default=(),
+        help="spans of runs, on their clocks [s], whose poses are not used",
+    )
+
+
+def _span(text: str) -> Tuple[str, Tuple[float, float]]:
+    """RUN=FROM,TO."""
+    name, _, times = text.rpartition("=")
+    start, end = map(float, times.split(","))
+    return name, (start, end)
 
 
 def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
@@ -98,7 +113,9 @@ def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
 def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:
     """The recordings in the bags, read when the first one is asked for."""
     given = mapping_of(arguments)
-    return reader.reading(bags, given, arguments.work)
+    for run in reader.reading(bags, given, arguments.work):
+        spans = [span for name, span in arguments.leave_out if name == run.name]
+        yield run.without(*spans) if spans else run
 
 
 def read(arguments: argparse.Namespace) -> List[Recording]:

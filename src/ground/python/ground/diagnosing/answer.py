@@ -7,6 +7,7 @@ import shlex
 from typing import Iterator, List
 
 from ground.analysis.diagnosis import EXPLAINED
+from ground.analysis.search import LEVEL
 from ground.checks import suspicions
 from ground.diagnosing import words
 from ground.effect_library import candidates
@@ -14,8 +15,22 @@ from ground.reports.words import capital, direction, listed, number, off, predic
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
+MAX_SIZES = 3  # parameters of an effect that a row of its search has
 # Words by the largest probability of as much evidence without the effect
 CERTAINTY = ((1e-6, "Very certain"), (1e-3, "Certain"), (math.inf, "Likely"))
+
+
+def tried(row: Document, means: Document) -> Document:
+    """What is known of a single effect, a row of `candidates`, with its meaning, size and certainty in words;
+    means: meanings of effects that are not of the library."""
+    sizes = [words.parameter(key, one) for key, one in row["parameters"].items() if one["identified"]]
+    sure = next(word for chance, word in CERTAINTY if row["p_corrected"] < chance)
+    return {
+        **row,
+        "meaning": candidates.summaries().get(row["effect"]) or means.get(row["effect"], ""),
+        "size": ", ".join(sizes[:MAX_SIZES]) or "not identifiable from these runs",
+        "certain": sure if row["p_corrected"] < LEVEL else "not significant",
+    }
 
 
 def lines(report: Document, folder: str = "") -> List[Line]:

@@ -69,6 +69,7 @@ def diagnose(
     *,
     holdout: Recordings = (),
     told: Callable[[str], None] = lambda line: None,
+    tried: Optional[Callable[[List[Document]], None]] = None,
     progress: Progress = None,
     options: DiagnoseOptions,
 ) -> Diagnosis:
@@ -76,9 +77,12 @@ def diagnose(
 
     recordings, holdout: recordings or bags to fit to and to test on; holdout judges what is found
     and decides nothing. Without it, parts of recordings are held out. told: called with each line of the
-    verdict as soon as it is known. progress: called with a ground.support.progress.Report at each step.
-    GroundError when a file cannot be read, there is no such effect or the recordings are too short.
-    Options, as keyword arguments or as DiagnoseOptions:
+    verdict as soon as it is known. tried: called during the search, whenever more is known of single effects,
+    with what is: dictionaries as in `Diagnosis.tried`, the best first, and `prediction`, how far predicted
+    poses are off with the effect. An exception that it raises ends the search. progress: called
+    with a ground.support.progress.Report at each step. GroundError when a file cannot be read,
+    there is no such effect or the recordings are too short. Options, as keyword arguments or as
+    DiagnoseOptions:
 
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "quadratic_drag"])
     >>> found.verdict, found.effects  # this craft turns by itself
@@ -91,23 +95,29 @@ def diagnose(
     """
     work, matters = Work.of(progress), _what_matters(options.matters)
     given, own = Model.of(model), [Effect.of(effect) for effect in options.effects]
-    tried = effects_to_try(given, options.only, options.exclude, own)
+    to_try = effects_to_try(given, options.only, options.exclude, own)
     room = None if options.room is None else Room.of(options.room)
     seen = measured(recordings, given, options, work)
     given = voltage.at_recorded(given, seen.recordings)
-    tried = voltage.tried(tried, given, seen.recordings, options.only or (), options.exclude)
+    to_try = voltage.tried(to_try, given, seen.recordings, options.only or (), options.exclude)
     held = held_out(holdout, given, options, work, seen)
     if not given.core.is_pair and not any((run.lift > 0).any() for run in seen.recordings):
         if not options.only:
-            tried = [c for c in tried if c.name not in candidates.of_lift()]
+            to_try = [c for c in to_try if c.name not in candidates.of_lift()]
         _note_boat(given)
     flown = _first_with("room", seen)
     walls = room or (Room.of_recording(flown) if flown else None)
     noted = [one.describe() for one in seen.findings + held.findings]
 
+    def tested(found: diagnosis.StepwiseDiagnosis) -> None:
+        if tried:
+            tried([answer.tried(row, {}) for row in document.tested(found)])
+
     def begun() -> diagnosis.StepwiseDiagnosis:
         """The model as it is, refitted."""
-        return diagnosis.StepwiseDiagnosis(seen.data, given.core, tried, work=work, matters=matters)
+        return diagnosis.StepwiseDiagnosis(
+            seen.data, given.core, to_try, work=work, matters=matters, tested=tested
+        )
 
     found = begun()
     misread = not options.as_recorded and any(one["misread"] for one in noted)

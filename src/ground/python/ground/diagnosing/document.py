@@ -187,6 +187,19 @@ def _tried(trial: Trial, count: int, **more: Any) -> Document:
     return {"effect": trial.name, "parameters": parameters, **more, **_chances(trial.p_value, count)}
 
 
+def tested(diagnosis: StepwiseDiagnosis) -> List[Document]:
+    """What is known of single effects while a search goes on, the best first."""
+    return [
+        {
+            **_tried(trial, len(diagnosis.candidates)),
+            "delta_bic": float(trial.delta_bic),
+            "prediction": off and dataclasses.asdict(off),
+        }
+        for trial in diagnosis.trials()
+        for off in [diagnosis.prediction_with(trial)]
+    ]
+
+
 def _candidates(diagnosis: StepwiseDiagnosis, alike: Sequence[LookAlike]) -> List[Document]:
     """The effects, each tried with the refitted nominal model, best first."""
     tried, chosen = diagnosis.tried, {c.name for c in diagnosis.chosen}

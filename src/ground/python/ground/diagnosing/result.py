@@ -56,6 +56,12 @@ class Diagnosis(Shown, Plotted):
         entry = document.proposed_effect(self.report)
         return Effect.of(entry) if entry else None
 
+    @property
+    def tried(self) -> List[Document]:
+        """The effects tried, best first, as `candidates` of the report, with `meaning`, `size` and `certain`
+        in words."""
+        return [answer.tried(row, self.report["means"]) for row in self.report["candidates"]]
+
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: what is missing, how much it matters, and what to do next."""
         return answer.lines(self.report, written)

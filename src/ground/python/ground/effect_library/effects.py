@@ -2,12 +2,12 @@
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Mapping, Optional, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Union
 
 import yaml
 
 from ground import _core
-from ground.effect_library import candidates, traced
+from ground.effect_library import candidates, traced, units
 from ground.effect_library.candidates import Candidate
 from ground.support import files
 from ground.support.annotations import Document, Path
@@ -110,6 +110,27 @@ class Effect(Shown):
         found = cls.of(entry)
         found.path, found.text = place, text
         return found
+
+    @classmethod
+    def of_formulas(
+        cls, X: str = "", Y: str = "", N: str = "", *, name: str = "formula", thrusters: Sequence[str] = ()
+    ) -> "Effect":
+        """An effect of formulas alone: names that are no variables become parameters that a fit finds, with
+        the units of what they multiply ("-" where that does not tell). thrusters: names of a craft's other
+        than L, R. GroundError says what is no formula, or where units differ.
+
+        >>> turn = ground.Effect.of_formulas(Y="a*abs(u)*v")
+        >>> turn.parameters["a"].unit
+        'N s2/m2'
+        """
+        formulas = {key: text for key, text in (("X", X), ("Y", Y), ("N", N)) if text.strip()}
+        if not formulas:
+            raise GroundError("write a formula for X, Y or N")
+        own = units.parameters(formulas, ["u_" + one for one in ("L", "R", *thrusters)])
+        if not own:
+            raise GroundError("the formula has no parameter that a fit could find, as a in a*u*v")
+        described = {key: {"value": 0.0, "unit": unit.replace("?", "-")} for key, unit in own.items()}
+        return cls.of({"name": name, "expression": formulas, "parameters": described})
 
     @classmethod
     def of(cls, effect: "EffectLike") -> "Effect":

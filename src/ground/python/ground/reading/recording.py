@@ -45,6 +45,7 @@ _T = TypeVar("_T")
 
 OVERSHOOT = 0.2  # share of its range by which a command may exceed it, and is clipped
 JUMP_BACK = 0.5  # largest lateness of a message [s]
+FEWEST = 10  # poses of a part of a run
 SAME_INSTANT = 1e-5  # instants differ by less after rounding [s]
 POSE = ("x", "y", "psi")
 VELOCITY = ("u", "v", "r")
@@ -159,6 +160,20 @@ class Recording(Plotted):
         """The same run of a craft that carried a load: its mass [kg], the place of its centre of mass forward
         and to starboard [m], its inertia about that [kg m^2]."""
         return replace(self, payload=_core.Payload(mass, place, inertia))
+
+    def without(self, *spans: Tuple[float, float]) -> "Recording":
+        """The same run without the poses in some spans (start, end) on the run's clock [s]: a gap, across
+        which no prediction goes. GroundError when too few poses are left."""
+        zero = max(self.motion.times[0], self.control_times[0])
+        times = repair.on_commands_clock(self.pose_times, self.clock_offset) - zero
+        keep = np.all([(times < start) | (times > end) for start, end in spans], axis=0) | (not spans)
+        if keep.sum() < FEWEST:
+            raise GroundError("%s: %d poses are left of it" % (self.name, keep.sum()))
+        return replace(self, pose_times=self.pose_times[keep], eta=self.eta[keep], digest="")
+
+    def within(self, start: float, end: float) -> "Recording":
+        """The same run with the poses between two times on the run's clock [s]; see without."""
+        return self.without((-np.inf, start), (end, np.inf))
 
     def rename(self, name: str) -> "Recording":
         """The same run under another name, by which tables and files call it."""

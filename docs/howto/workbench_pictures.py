@@ -1,0 +1,36 @@
+#!/usr/bin/python3
+"""Makes the pictures of the workbench in docs and README.md, from its story in test_workbench.py.
+
+workbench_pictures.py [FOLDER]: FOLDER has the story's pictures already.
+"""
+
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+from PIL import Image
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PICTURES = {
+    "1_first_light": "docs/howto/workbench_first.png",
+    "3_zoomed_dark": "docs/howto/workbench_zoomed.png",
+    "4_searching_light": "docs/howto/workbench_searching.png",
+    "4_added_light": "docs/howto/workbench_added.png",
+    "5_added_light": ".readme/workbench.png",
+}
+
+
+def main(folder=None):
+    folder = folder or tempfile.mkdtemp()
+    if not os.listdir(folder):
+        command = [sys.executable, "-m", "pytest", "-q", "test/python/test_workbench.py"]
+        subprocess.run(command, cwd=ROOT, env=dict(os.environ, WORKBENCH_PICTURES=folder), check=True)
+    for name, place in PICTURES.items():
+        picture = Image.open("%s/%s.png" % (folder, name)).convert("RGB")
+        picture.quantize(96).save(ROOT / place, optimize=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,119 @@
+"""What was done, as a script in Python and in shell that gives the same numbers, and what else is saved."""
+
+import os
+import shlex
+from typing import List
+
+from ground.support import files
+from ground.support.annotations import Document
+from ground.workshop.session import Session
+
+HEAD = '''"""What was done on the workbench. It prints the error of each model: predictions after %g s."""
+
+import ground
+
+read = %s
+recordings = {run.name: run for run in ground.read(read)}
+
+
+def runs(names, cuts):
+    """The runs fitted to, without what was left out."""
+    return [recordings[n].without(*cuts[n]) if cuts.get(n) else recordings[n] for n in names]
+
+
+def show(number, what, error):
+    """A line of the history."""
+    print("%%d %%s: %%.6g mm, %%.6g deg" %% (number, what, error.position_mm, error.heading_deg))
+
+
+models = {}
+%s'''
+
+
+def path_to(session: Session, node: int) -> List[Document]:
+    """The models from the first to one of the history."""
+    found: List[Document] = []
+    while node:
+        found.insert(0, session.nodes[node])
+        node = session.nodes[node]["parent"]
+    return found
+
+
+def python(session: Session) -> str:
+    """All of the history, in Python."""
+    lines = ["given = ground.Model.parse(%r)" % session.nodes[1]["model"]]
+    for number, node in sorted(session.nodes.items()):
+        at = "runs(%r, %r)" % (
+            node["runs"],
+            {name: [tuple(span) for span in spans] for name, spans in node["cuts"].items()},
+        )
+        before, kind = "models[%d]" % node["parent"], node["kind"]
+        as_is = "ground.Predictor(given, %s).error(models[%d])" % (at, number)
+        if kind == "start":
+            lines.append("models[1] = given")
+        elif kind == "set":
+            lines.append(
+                "models[%d] = ground.Model.parse(%s.with_values(%r).format())"
+                % (number, before, node["values"])
+            )
+        elif kind == "fit":
+            lines.append("free = %r" % list(node["parameters"]))
+            lines.append("found = ground.fit(%s, %s, free=free)" % (before, at))
+        else:
+            lines.append("found = ground.add(%s, ground.Effect.of(%r), %s)" % (before, node["effect"], at))
+        if kind in ("fit", "add"):
+            key = "fitted" if kind == "fit" else "with"
+            lines.append("models[%d] = ground.Model.parse(found.model.format())" % number)
+            as_is = "found.prediction.errors[%r]" % key
+        lines.append("show(%d, %r, %s)" % (number, node["what"], as_is))
+    lines.append('models[%d].save("model.yaml", force=True)' % session.current)
+    paths = sorted({run.path for run in session.recordings})
+    return HEAD % (session.nodes[1]["seconds"], paths, "\n".join(lines)) + "\n"
+
+
+def shell(session: Session) -> str:
+    """The way to the current model, as command lines."""
+    lines = ["#!/bin/sh", "# What was done on the workbench, up to model %d." % session.current, "set -e"]
+    by_name = {run.name: run.path for run in session.recordings}
+    for node in path_to(session, session.current):
+        file = "step_%d.yaml" % node["id"]
+        before, kind = "step_%d.yaml" % node["parent"], node["kind"]
+        if kind in ("start", "set"):
+            lines += ["cat > %s <<'MODEL'" % file, node["model"].rstrip("\n"), "MODEL"]
+            continue
+        bags = " ".join(shlex.quote(by_name[name]) for name in node["runs"])
+        cuts = [
+            shlex.quote("%s=%.9g,%.9g" % (name, *span))
+            for name, spans in node["cuts"].items() if name in node["runs"] for span in spans
+        ]  # fmt: skip
+        more = " --leave-out %s" % " ".join(cuts) if cuts else ""
+        if kind == "fit":
+            more += " --free " + " ".join(node["parameters"])
+            lines.append("identify fit %s --model %s -o %s --force%s" % (bags, before, file, more))
+        else:
+            effect = node["effect"]
+            if not isinstance(effect, str):
+                lines += [
+                    "cat > effect_%d.yaml <<'EFFECT'" % node["id"],
+                    _yaml(effect).rstrip("\n"),
+                    "EFFECT",
+                ]
+            name = effect if isinstance(effect, str) else "effect_%d.yaml" % node["id"]
+            lines.append("identify add %s %s --model %s -o %s --force%s" % (name, bags, before, file, more))
+    return "\n".join([*lines, "cp step_%d.yaml model.yaml" % session.current]) + "\n"
+
+
+def save(session: Session, folder: str) -> None:
+    """Writes model and scripts into the folder, and begins the job that writes the page."""
+    with session.lock:
+        texts = {"script.py": python(session), "script.sh": shell(session)}
+        texts["model.yaml"] = session.model_of(session.current).format()
+        for name, text in texts.items():
+            files.write_text(os.path.join(folder, name), text, force=True)
+        session.begin("page", {"folder": folder, "given": session.given.format(), "files": list(texts)})
+
+
+def _yaml(entry: Document) -> str:
+    import yaml
+
+    return str(yaml.safe_dump(entry, sort_keys=False))

@@ -1,0 +1,75 @@
+"""What the page draws of a run, as plain lists, thinned to what a screen shows."""
+
+import re
+from typing import Any, List, Optional, Sequence
+
+import numpy as np
+
+import ground
+from ground.support.annotations import Document, Indices
+
+MOST_POINTS = 1000  # of a curve
+MOST_SECONDS = 120.0  # of a run that are predicted at once; a longer part is shown in its first ones
+MOST_COMMANDS = 4  # that the missing wrench is drawn against
+MOTION = ("x", "y", "psi", "u", "v", "r")
+
+
+def curves(ready: ground.Predictor, model: ground.Model, run: str, start: float, end: float) -> Document:
+    """What a model predicts of a part of a run: t, x ... r, and None between starts."""
+    made = ready.motion(model, run, start, min(end, start + MOST_SECONDS))
+    jumps = np.flatnonzero(np.diff(made.start)) + 1
+    at = np.union1d(_thinned(len(made.times)), np.concatenate([jumps, jumps - 1])).astype(int)
+    new = np.flatnonzero(np.diff(made.start[at])) + 1
+    columns = np.insert(np.column_stack([made.times, made.predicted])[at], new, np.nan, axis=0)
+    return {name: _listed(values) for name, values in zip(("t", *MOTION), columns.T)}
+
+
+def measured(ready: ground.Predictor, run: str, start: float, end: float) -> Document:
+    """What was measured in a part of a run, and the commands."""
+    frame = ready.measured(run, start, end)
+    frame = frame.iloc[_thinned(len(frame))]
+    return {
+        **{name: _listed(frame[name]) for name in ("t", *MOTION)},
+        "channels": [{"name": name, "y": _listed(frame[name], 3)} for name in _commands(frame)],
+    }
+
+
+def missing(ready: ground.Predictor, model: ground.Model, run: str, start: float, end: float) -> Document:
+    """The missing force and moment along a part of a run, with what it may depend on."""
+    whole = ready.missing(model, run, start, min(end, start + MOST_SECONDS))
+    frame, channels = whole.iloc[_thinned(len(whole))], []
+    for name, full in model.full_thrust.items():
+        factor, milli = (1e3, "m") if full < 1 else (1.0, "")
+        values, width = factor * frame[name], 2 * factor * frame[name + "_sigma"]
+        channels.append(
+            {
+                "name": name, "unit": milli + ("N m" if name == "N" else "N"), "y": _listed(values),
+                "low": _listed(values - width), "high": _listed(values + width),
+                "rms": factor * float(np.sqrt((whole[name] ** 2).mean())), "full": factor * full,
+            }
+        )  # fmt: skip
+    return {
+        **{name: _listed(frame[name]) for name in ("t", "x", "y")},
+        "channels": channels,
+        "against": {
+            "speed [m/s]": _listed(np.hypot(frame["u"], frame["v"])),
+            "heading [deg]": _listed(np.degrees(frame["psi"]) % 360, 2),
+            "turn rate [rad/s]": _listed(frame["r"]),
+            **{"command " + name: _listed(frame[name], 3) for name in _commands(frame)[:MOST_COMMANDS]},
+        },
+    }
+
+
+def _commands(frame: Any) -> List[str]:
+    """Columns of the thrusters' commands: behind those of the motion, before that of the lift."""
+    names = [name for name in frame if not re.fullmatch("[XYN](_sigma)?", name)]
+    return names[1 + len(MOTION) : -1]
+
+
+def _thinned(count: int) -> Indices:
+    return np.arange(0, count, max(1, -(-count // MOST_POINTS)))
+
+
+def _listed(values: Sequence[float], digits: int = 4) -> List[Optional[float]]:
+    rounded: List[Any] = np.round(np.asarray(values, float), digits).tolist()
+    return [v if v == v and abs(v) != np.inf else None for v in rounded]

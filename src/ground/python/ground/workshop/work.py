@@ -1,0 +1,113 @@
+"""What a job does, through the public functions, and what it tells of it in plain values."""
+
+import os
+import re
+from dataclasses import asdict
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+
+import ground
+from ground.support.annotations import Document
+from ground.support.jobs import Tell
+from ground.support.progress import Listener, Report
+
+Cuts = Dict[str, List[Tuple[float, float]]]  # by run, spans that are left out [s]
+ROW = ("effect", "meaning", "size", "certain", "selected", "seen")  # what the page shows of an effect
+
+
+def parts(recordings: Sequence[ground.Recording], names: Sequence[str], cuts: Cuts) -> List[ground.Recording]:
+    """The recordings of some names, without the spans that are left out."""
+    return [
+        run.without(*cuts[run.name]) if cuts.get(run.name) else run for run in recordings if run.name in names
+    ]
+
+
+def worker(recordings: Sequence[ground.Recording], room: Optional[ground.Room]) -> Callable[..., None]:
+    """The function that does jobs on recordings: fit, add, try, search, page."""
+
+    def work(kind: str, arguments: Tuple[Any, ...], tell: Tell) -> None:
+        def progress(report: Report) -> None:
+            tell("progress", asdict(report))
+
+        text, names, cuts, more = arguments
+        model, runs = ground.Model.parse(text), parts(recordings, names, cuts)
+        if kind == "fit":
+            tell("done", fitted(ground.fit(model, runs, free=model.free, progress=progress)))
+        elif kind in ("add", "try"):
+            tell("done", added(ground.add(model, more, runs, progress=progress)))
+        elif kind == "page":
+            tell("done", saved(model, runs, **more))
+        else:
+            if more:  # the stretch that candidates are judged on
+                runs = [run.within(*more[1:]) for run in runs if run.name == more[0]]
+            tell("done", searched(model, runs, room, tell, progress))
+
+    return work
+
+
+def saved(
+    model: ground.Model, runs: Sequence[ground.Recording], folder: str, given: str, files: List[str]
+) -> Document:
+    """The page that compares a model with the given one, beside other files."""
+    first = ground.Model.parse(given)
+    models = {"given": first} if model == first else {"given": first, "model": model}
+    place = ground.compare(models, runs).save(os.path.join(folder, "page"), force=True)
+    return {"folder": folder, "files": [*files, os.path.relpath(place, folder)]}
+
+
+def fitted(found: ground.Fit) -> Document:
+    """A Fit."""
+    return {**_refitted(found, "given", "fitted"), "remarks": found.remarks}
+
+
+def added(found: ground.Addition) -> Document:
+    """An Addition."""
+    verdict = {"helps": found.verdict.helps, "reason": found.verdict.reason}
+    return {**_refitted(found, "without", "with"), "effect": found.effect, **verdict}
+
+
+def _refitted(found: Any, before: str, after: str) -> Document:
+    """A fit or an addition; before, after: names of the models in its prediction error."""
+    off, names = found.prediction, ("value", "ci95", "unit", "identified")
+    return {
+        "model": found.model.format(),
+        "parameters": {name: {key: getattr(p, key) for key in names} for name, p in found.parameters.items()},
+        "before": off and asdict(off.errors[before]),
+        "after": off and asdict(off.errors[after]),
+        "floor": off and asdict(off.mocap),
+    }
+
+
+def searched(
+    model: ground.Model,
+    runs: Sequence[ground.Recording],
+    room: Optional[ground.Room],
+    tell: Tell,
+    progress: Listener,
+) -> Document:
+    """A Diagnosis; rows of the list are told of while it goes on."""
+    predictions: Dict[str, Document] = {}
+
+    def rows(tried: Sequence[Document]) -> List[Document]:
+        predictions.update({row["effect"]: row["prediction"] for row in tried if "prediction" in row})
+        return [
+            {
+                **{key: row[key] for key in ROW if key in row},
+                "prediction": predictions.get(row["effect"]),
+                "group": [other for other in row.get("group", ()) if other != row["effect"]],
+            }
+            for row in tried
+        ]
+
+    found = ground.diagnose(
+        model, runs, tried=lambda tried: tell("rows", rows(tried)), progress=progress, room=room
+    )
+    planned = found.report["next_experiment"]
+    if planned:  # where the improved model goes, open loop
+        flown = ground.simulate(found.improved, inputs=found.next_inputs).to_frame().iloc[::5]
+        planned = {**planned, "path": {name: flown[name].round(4).tolist() for name in ("x", "y")}}
+    return {
+        "rows": rows(found.tried),
+        "answer": [list(line) for line in found.headline() if not re.match("Model|Next", line[0])],
+        "proposal": found.proposal and found.proposal.entry,
+        "next": planned,
+    }

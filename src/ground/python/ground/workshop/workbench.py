@@ -1,0 +1,217 @@
+"""workbench: a page on this computer to fit a model, see where it fails, and add what is missing."""
+
+import argparse
+import multiprocessing
+import os
+import socket
+import sys
+import webbrowser
+from dataclasses import asdict, dataclass
+from typing import Any, Callable, Dict, Optional, Sequence, Tuple
+
+from ground.data import bag_arguments
+from ground.data.measured import repaired
+from ground.data.read import Recordings, distinct, taken
+from ground.models import Model, ModelLike, Room, RoomLike
+from ground.reading.recording import Recording
+from ground.support import command_line
+from ground.support.annotations import Document, Path
+from ground.support.command_line import option
+from ground.support.errors import GroundError
+from ground.support.event_file import EventFile
+from ground.support.jobs import Jobs
+from ground.support.local_server import Server, packed, serve
+from ground.support.progress import Progress, Work, say
+from ground.workshop import scripts, views, work
+from ground.workshop.session import FIT, SCHEMA, Session
+
+PAGE = ("page.html", "page.css", "page.js")  # files beside this one
+
+
+@dataclass(frozen=True)
+class WorkbenchOptions:
+    """Where the page is."""
+
+    port: int = option(
+        0, "port on the loopback address (a free one)", type=int, metavar="N", range=(0, 65535)
+    )
+    no_browser: bool = option(False, "print the address, and open no browser")
+    room: Optional[RoomLike] = option(
+        None, "room of the next experiment (that of the first run that has one)", metavar="ROOM.yaml"
+    )
+
+
+@command_line.takes(WorkbenchOptions)
+def workbench(
+    recordings: Recordings,
+    model: ModelLike,
+    *,
+    output: Path = "workbench",
+    holdout: Recordings = (),
+    progress: Progress = None,
+    begun: Callable[[str], None] = lambda address: None,
+    options: WorkbenchOptions,
+) -> None:
+    """Serves a page on this computer until Ctrl-C: measured against predicted motion, fits, where the model
+    fails, what is missing, and its error with it.
+
+    recordings, holdout: recordings or bags to fit to, and to hold out; the page can change that. output:
+    folder, made if it is missing, of the work file, which brings everything back when the workbench is
+    started again, and of what the page saves; nothing else is written. begun: called with the address of the
+    page. GroundError when a file cannot be read, or the system has no fork (Windows). Options:
+
+    >>> def seen(address):  # a program of your own may open it
+    ...     raise SystemExit("at %s..." % address[:17])
+    >>> ground.workbench(bag, model_file, begun=seen)
+    Traceback (most recent call last):
+    ...
+    SystemExit: at http://127.0.0.1:...
+    """
+    command_line.check(options)
+    if "fork" not in multiprocessing.get_all_start_methods():
+        raise GroundError("the workbench needs Linux or macOS")
+    given, told = Model.of(model), Work.of(progress)
+    fitted, held = taken(recordings), taken(holdout)
+    runs = [run.with_lift_of(given.core) for run in distinct([*fitted, *held])]
+    if not runs:
+        raise GroundError("no recordings are given")
+    repaired(runs, told, given.core)
+    folder = os.path.abspath(os.fspath(output))
+    os.makedirs(folder, exist_ok=True)
+    room = Room.of(options.room) if options.room else _room_of(runs)
+
+    def heard(number: int, kind: str, content: Any) -> None:
+        session.heard(number, kind, content)
+
+    # Before the work file is open: its lock ends with this process, also where a job lives longer.
+    jobs = Jobs(work.worker(runs, room), heard)
+    try:
+        file = EventFile(os.path.join(folder, "work.jsonl"), SCHEMA)
+        session = Session(runs, given, [run.name for run in runs[len(fitted) :]], room, file, jobs)
+        server = Server(options.port, _files(), actions(session, folder), session.wait)
+        begun(server.address)
+        try:
+            serve(server)
+        finally:
+            session.end()
+    finally:
+        jobs.close()
+
+
+def _room_of(runs: Sequence[Recording]) -> Optional[Room]:
+    """The room of the first run that has one."""
+    return next((room for room in map(Room.of_recording, runs) if room), None)
+
+
+def _files() -> Dict[str, Tuple[bytes, str]]:
+    """What the browser loads."""
+    from plotly.offline import get_plotlyjs
+
+    found = {"/plotly.js": packed("plotly.js", get_plotlyjs())}
+    for name in PAGE:
+        with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), name), encoding="utf-8") as file:
+            found["/" if name == "page.html" else "/" + name] = packed(name, file.read())
+    return found
+
+
+def actions(session: Session, folder: str) -> Dict[str, Callable[[Document], Any]]:
+    """What the page may ask for, by name."""
+
+    def view(of: Document) -> Any:
+        ready = session.predictor([str(of["run"])], {})
+        model = session.varied(int(of["node"]), dict(of.get("values", {})))
+        start, end = float(of.get("from") or 0.0), float(of["to"]) if of.get("to") else float("inf")
+        return ready, model, str(of["run"]), start, end
+
+    def curves(of: Document) -> Document:
+        ready, model, run, start, end = view(of)
+        return {"predicted": views.curves(ready, model, run, start, end)}
+
+    def measured(of: Document) -> Document:
+        ready, _, run, start, end = view(of)
+        return views.measured(ready, run, start, end)
+
+    def error(of: Document) -> Document:
+        model = session.varied(int(of["node"]), dict(of.get("values", {})))
+        ready = session.predictor(session.names(FIT))
+        return {"seconds": ready.horizon, **asdict(ready.error(model))}
+
+    def done(act: Callable[[Document], Any]) -> Callable[[Document], Document]:
+        return lambda of: {"done": act(of)}
+
+    return {
+        "state": lambda of: session.state(),
+        "measured": measured,
+        "curves": curves,
+        "error": error,
+        "missing": lambda of: views.missing(*view(of)),
+        "set": done(lambda of: session.set_values(int(of["node"]), dict(of["values"]))),
+        "select": done(lambda of: session.select(int(of["node"]))),
+        "undo": done(lambda of: session.undo()),
+        "role": done(lambda of: session.set_role(str(of["run"]), str(of["role"]))),
+        "cut": done(lambda of: session.cut(str(of["run"]), of["span"])),
+        "judge": done(lambda of: session.judge_on(str(of["run"]), of["span"])),
+        "open": done(lambda of: session.open()),
+        "begin": done(lambda of: session.begin(_kind(of), of.get("effect"))),
+        "stop": done(lambda of: session.stop(int(of["job"]))),
+        "check": lambda of: session.check(dict(of["formula"])),
+        "save": done(lambda of: scripts.save(session, folder)),
+    }
+
+
+def _kind(of: Document) -> str:
+    if of["kind"] not in ("fit", "add", "try", "search"):
+        raise GroundError("there is no work of this kind")
+    return str(of["kind"])
+
+
+def told_of(address: str, has_display: bool) -> Sequence[str]:
+    """What is printed when the page is there."""
+    port = address.partition("127.0.0.1:")[2].partition("/")[0]
+    lines = ["The workbench is at %s (Ctrl-C ends it)" % address]
+    if not has_display:
+        lines.append("From another computer: ssh -L %s:127.0.0.1:%s %s, then open that address there"
+                     % (port, port, socket.gethostname()))  # fmt: skip
+    return lines
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of identify workbench."""
+    bag_arguments.add_bag_arguments(parser)
+    command_line.add_model(parser, "the model to start from")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        default="workbench",
+        help="folder of the work file, and of what is saved (%(default)s)",
+    )
+    bag_arguments.add_holdout_argument(parser)
+    command_line.add_options(parser, WorkbenchOptions)
+
+
+def run(arguments: argparse.Namespace) -> Document:
+    """Runs identify workbench; returns what --json prints."""
+    has_display = bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform == "darwin"
+    )
+
+    def begun(address: str) -> None:
+        for line in told_of(address, has_display):
+            say(line, sys.stderr if arguments.json else None)
+        if has_display and not arguments.no_browser:
+            webbrowser.open(address)
+
+    try:
+        workbench(
+            bag_arguments.reading(arguments, arguments.bags),
+            arguments.model,
+            output=arguments.output,
+            holdout=bag_arguments.reading(arguments, arguments.holdout),
+            begun=begun,
+            options=command_line.options(arguments, WorkbenchOptions),
+            progress=arguments.work,
+        )
+    except KeyboardInterrupt:
+        pass
+    return {"output": arguments.output}
