@@ -164,6 +164,8 @@ class Recording(Plotted):
     def without(self, *spans: Tuple[float, float]) -> "Recording":
         """The same run without the poses in some spans (start, end) on the run's clock [s]: a gap, across
         which no prediction goes. GroundError when too few poses are left."""
+        from ground.poses import repair
+
         zero = max(self.motion.times[0], self.control_times[0])
         times = repair.on_commands_clock(self.pose_times, self.clock_offset) - zero
         keep = np.all([(times < start) | (times > end) for start, end in spans], axis=0) | (not spans)
