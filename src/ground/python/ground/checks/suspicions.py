@@ -306,13 +306,13 @@ def _to_quarters(one: layouts.Hypothesis) -> layouts.Hypothesis:
 
 def _weak(recording: Recording, thrusters: Sequence[layouts.Thruster]) -> Iterator[Suspicion]:
     """Thrusters that turn the craft much less in a run than their place and the others promise."""
-    found = reply.authorities(recording)
     levers = {one.name: one.effect[2] for one in thrusters}
-    if not found or set(found) != set(levers):
-        return
-    longest = max(abs(lever) for lever in levers.values())
+    longest = max((abs(lever) for lever in levers.values()), default=0.0)
     turning = [name for name, lever in levers.items() if abs(lever) > WEAK * longest > 0]
     if len(turning) < MIN_TURNING:
+        return
+    found = reply.authorities(recording)
+    if set(found) != set(levers):
         return
     rates = {name: found[name]["turn"] / levers[name] for name in turning}
     usual = float(np.median(list(rates.values())))

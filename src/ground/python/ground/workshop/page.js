@@ -2,6 +2,7 @@
 const token = new URLSearchParams(location.search).get("token") || "";
 const $ = id => document.getElementById(id);
 const VELOCITIES = [["u", "surge u [m/s]"], ["v", "sway v [m/s]"], ["r", "yaw rate r [rad/s]"]];
+const MOST = 120;  // of a longer part of a run, so many seconds are predicted [s]
 const LONG = 60;  // of a longer run, the first so many seconds are shown at first
 const COMMANDS = ["#56b4e9", "#e69f00", "#009e73", "#cc79a7"];
 const config = {responsive: true, displayModeBar: false};
@@ -54,7 +55,7 @@ function show(before) {
   number(now.error, now.by);
   if (before && before.current !== S.current && S.nodes.length > before.nodes.length) told(now);
   if (!before && Object.keys(S.formula).length) fill({expression: S.formula.expression || S.formula});
-  const key = JSON.stringify([S.current, now.as_is, view, other, S.runs.map(run => run.cuts), S.judge]);
+  const key = JSON.stringify([S.current, now.as_is, view, other, css("--page"), S.runs.map(run => run.cuts), S.judge]);
   if (key !== drawnOf && !dragging) { drawnOf = key; draw(); }
 }
 function told(now) {
@@ -181,7 +182,7 @@ function showBars(now) {
   rows.push(bar(S.now.error ? "on what is ticked now" : `now, ${now.by}`, now.error, most, floor, "now"));
   if (beside) rows.push(bar(`model ${beside.id}: ${beside.what}`, beside.error, most, floor));
   if (S.runs.some(run => run.role === "held out")) {
-    const open = make("button", {id: "open", textContent: S.opened ? `Open again (seen ${S.opened} times)`.replace("1 times", "once") : "Open (not seen yet)", onclick: () => act("open")});
+    const open = make("button", {id: "open", textContent: S.opened ? `Open (seen ${S.opened === 1 ? "once" : S.opened + " times"})` : "Open (not seen yet)", onclick: () => act("open")});
     if (now.holdout) rows.push(bar(`held out, seen ${S.opened === 1 ? "once" : S.opened + " times"}`, now.holdout, most, floor, "out"));
     else rows.push(bar("held out, sealed", null, most, floor, "out", open));
   }
@@ -303,8 +304,9 @@ async function draw() {
     add(curves.predicted, "predicted", colour);
     if (beside) add(beside.predicted, "model " + other, second, "dot");
     measured.channels.forEach((c, i) => traces.push(line(measured.t, c.y, "command " + c.name, COMMANDS[i % 4], {yaxis: "y4", line: {shape: "hv", width: 1.2, color: COMMANDS[i % 4], dash: i > 3 ? "dot" : "solid"}})));
-    const keys = [["measured", black], ["predicted", colour], ...(beside ? [["model " + other, second]] : []), ...measured.channels.map((c, i) => ["command " + c.name, COMMANDS[i % 4]])];
-    $("legend").replaceChildren(...keys.map(([text, color]) => { const key = make("span", {textContent: text}); key.style.setProperty("--key", color); return key; }));
+    const keys = [["measured", black], ["predicted", colour], ...(beside ? [["model " + other, second]] : []), ...measured.channels.map((c, i) => [(i < 2 ? "command " : "") + c.name, COMMANDS[i % 4]])];
+    $("legend").replaceChildren(...keys.map(([text, color]) => { const key = make("span", {textContent: text}); key.style.setProperty("--key", color); return key; }),
+      view.to - view.from > MOST || (!view.to && run.end > MOST) ? `predicted, and missing, in the first ${MOST} s: zoom in for more` : "");
     traces.push(line(measured.y, measured.x, "measured", black, {line: {color: black, width: 2.6}, opacity: .4, xaxis: "x2", yaxis: "y5"}));
     const range = [measured.t[0] ?? 0, measured.t[measured.t.length - 1] ?? 1], band = (i, count) => [1 - (i + 1) / count + .02, 1 - i / count];
     const shapes = run.cuts.map(([a, b]) => ({type: "rect", xref: "x", yref: "paper", x0: a, x1: b, y0: 0, y1: 1, fillcolor: "#888", opacity: .3, line: {width: 0}}));
@@ -332,7 +334,7 @@ async function drawMissing(mine, range) {
   });
   const largest = found.channels.slice().sort((a, b) => b.rms / b.full - a.rms / a.full)[0];
   if (!$("channel").dataset.chosen) $("channel").value = largest.name;
-  const c = found.channels.find(one => one.name === $("channel").value), most = Math.max(...c.y.map(Math.abs));
+  const c = found.channels.find(one => one.name === $("channel").value), most = c.y.map(Math.abs).sort((a, b) => a - b)[Math.floor(.98 * (c.y.length - 1))] || 1;
   traces.push({x: found.y, y: found.x, mode: "markers", type: "scatter", xaxis: "x2", yaxis: "y4", customdata: found.t, hovertemplate: "%{marker.color:.3g}<extra></extra>",
     marker: {size: 4, color: c.y, colorscale: "RdBu", cmin: -most, cmax: most, showscale: true, colorbar: {thickness: 8, x: .93, tickfont: {size: 9}}}});
   Object.assign(layout, {xaxis2: {domain: [.75, .92], anchor: "y4", title: {text: "y [m]", standoff: 2}}, yaxis4: {anchor: "x2", scaleanchor: "x2", title: {text: "x [m]", standoff: 0}}});
@@ -418,7 +420,7 @@ document.addEventListener("keydown", event => {
   const button = {f: "fit", u: "undo", s: "save"}[event.key];
   if (button) $(button).click();
 });
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { drawnOf = ""; show(S); });
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => show(S));
 const events = new EventSource("events?token=" + encodeURIComponent(token));
 const changed = later(40, refresh);
 events.onmessage = event => { if (!S || Number(event.data) !== S.version) changed(); };
