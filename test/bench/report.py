@@ -18,11 +18,10 @@ PAGE = os.path.join(ROOT, "docs", "benchmarks.md")
 HEAD = """\
 # Benchmarks
 
-`make bench-report` writes this page from `test/bench/figures.json`, and into that file what the benches have left in `build/`. Intervals
-are those of 95% (Clopper and Pearson 1934 for rates) unless stated otherwise; "of" is the number of cases. [Limits](limits.md) says what the
-rates mean for a user.
+`make bench-report` writes this page from `test/bench/figures.json`, after taking what the benches have left in `build/`. Intervals are those of 95%
+(Clopper and Pearson 1934 for rates) unless stated otherwise; "of" is the number of cases. [Limits](limits.md) says what the rates mean.
 
-Each section says by which command, when and on which computer it was measured. A row says so where it differs.
+Each section says by which command, when and on which computer it was measured; a row says so where it differs.
 
 MACHINES
 
@@ -71,9 +70,9 @@ def page(figures):
         rows = [dict(row, measured="" if m == usual else m) for row, m in zip(section["rows"], measured)]
         columns = [name for name in COLUMNS if any(row.get(name) for row in rows)]
         lines = ["## " + section["title"], "", "%s (%s)" % (section["about"], usual), ""]
-        lines.append("| %s |" % " | ".join(columns))
+        lines.append("|%s|" % "|".join(columns))
         lines.append("|%s" % ("---|" * len(columns)))
-        lines += ["| %s |" % " | ".join(row.get(name, "") for name in columns) for row in rows]
+        lines += ["|%s|" % "|".join(row.get(name, "") for name in columns) for row in rows]
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
 
