@@ -18,15 +18,17 @@ PAGE = os.path.join(ROOT, "docs", "benchmarks.md")
 HEAD = """\
 # Benchmarks
 
-`make bench-report` writes this page from `test/bench/figures.json`, after taking what the benches have left in `build/`. Intervals are those of 95%
-(Clopper and Pearson 1934 for rates) unless stated otherwise; "of" is the number of cases. [Limits](limits.md) says what the rates mean.
+`make bench-report` writes this page from `test/bench/figures.json`, after taking what the benches have left
+in `build/`. Intervals are those of 95% (Clopper and Pearson 1934 for rates) unless stated otherwise; "of" is
+the number of cases. [Limits](limits.md) says what the rates mean.
 
-Each section says by which command, when and on which computer it was measured; a row says so where it differs.
+Each section says by which command, when and on which computer it was measured; a row says so where it
+differs.
 
 MACHINES
 
-`OPTIONS="--kinds pairs --count 10"` runs a part of a bench, `OPTIONS=--help` lists the options. `bench-commands`, `bench-hidden`, `bench-mujoco` and
-`bench-discover` continue where they were interrupted.
+`OPTIONS="--kinds pairs --count 10"` runs a part of a bench, `OPTIONS=--help` lists the options.
+`bench-commands`, `bench-hidden`, `bench-mujoco` and `bench-discover` continue where they were interrupted.
 """
 COLUMNS = ("what", "value", "interval", "of", "measured")
 
@@ -96,9 +98,10 @@ def _file(folder, name):
 def _speed(folder):
     path, date = _file(folder, "bench.json")
     for row in load(path)["rows"] if path else []:
-        unit = row["unit"]
-        spread = "" if row["least"] == row["largest"] else "%.3g to %.3g %s" % (row["least"], row["largest"], unit)
-        yield "bench: " + row["name"], dict(value="%.3g %s" % (row["median"], unit), interval=spread, date=date)
+        least, largest, unit = row["least"], row["largest"], row["unit"]
+        spread = "" if least == largest else "%.3g to %.3g %s" % (least, largest, unit)
+        value = "%.3g %s" % (row["median"], unit)
+        yield "bench: " + row["name"], dict(value=value, interval=spread, date=date)
 
 
 def _commands(folder):
