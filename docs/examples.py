@@ -4,8 +4,8 @@
 The blocks `sh` of a page run in order, in one shell, in an empty home folder. The block `text` between one
 of them and the next shows what it prints: `...` on a line stands for any lines, at the end of a line for its
 rest. Numbers may differ a little, because processors round differently. A block after the comment
-`<!-- not run: REASON -->` is skipped. With --update the blocks `text` are rewritten instead. Pages of a session
-run one after the other in the same shell.
+`<!-- not run: REASON -->` is skipped. With --update the blocks `text` are rewritten instead. Pages of a
+session run one after the other in the same shell.
 """
 
 import argparse

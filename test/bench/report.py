@@ -1,14 +1,16 @@
 #!/usr/bin/python3
 """Writes docs/benchmarks.md from test/bench/figures.json, after taking what benches have left in build/.
 
-A row of figures.json with a "key" is replaced by the newest result of that key. Results without a row are
-listed: give them one by hand. --check only says whether the page is the one of the file.
+A row of figures.json with "keys" is replaced by the newest results of all of these keys, unless they are of
+fewer cases. Results without a row are listed: give them one by hand. --check only says whether the page is
+the one of the file.
 """
 
 import argparse
 import datetime
 import json
 import os
+import re
 import sys
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -18,16 +20,17 @@ PAGE = os.path.join(ROOT, "docs", "benchmarks.md")
 HEAD = """\
 # Benchmarks
 
-`make bench-report` writes this page from `test/bench/figures.json`, and into that file what the benches have left in `build/`. Intervals
-are those of 95% (Clopper and Pearson 1934 for rates) unless stated otherwise; "of" is the number of cases. [Limits](limits.md) says what the
-rates mean for a user.
+`make bench-report` writes this page from `test/bench/figures.json`, after taking what the benches have left
+in `build/`. Intervals are those of 95% (Clopper and Pearson 1934 for rates) unless stated otherwise; "of" is
+the number of cases. [Limits](limits.md) says what the rates mean.
 
-Each section says by which command, when and on which computer it was measured. A row says so where it differs.
+Each section says by which command, when and on which computer it was measured; a row says so where it
+differs.
 
 MACHINES
 
-`OPTIONS="--kinds pairs --count 10"` runs a part of a bench, `OPTIONS=--help` lists the options. `bench-commands`, `bench-hidden`, `bench-mujoco` and
-`bench-discover` continue where they were interrupted.
+`OPTIONS="--kinds pairs --count 10"` runs a part of a bench, `OPTIONS=--help` lists the options.
+`bench-commands`, `bench-hidden`, `bench-mujoco` and `bench-discover` continue where they were interrupted.
 """
 COLUMNS = ("what", "value", "interval", "of", "measured")
 
@@ -71,9 +74,9 @@ def page(figures):
         rows = [dict(row, measured="" if m == usual else m) for row, m in zip(section["rows"], measured)]
         columns = [name for name in COLUMNS if any(row.get(name) for row in rows)]
         lines = ["## " + section["title"], "", "%s (%s)" % (section["about"], usual), ""]
-        lines.append("| %s |" % " | ".join(columns))
+        lines.append("|%s|" % "|".join(columns))
         lines.append("|%s" % ("---|" * len(columns)))
-        lines += ["| %s |" % " | ".join(row.get(name, "") for name in columns) for row in rows]
+        lines += ["|%s|" % "|".join(row.get(name, "") for name in columns) for row in rows]
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
 
@@ -97,22 +100,19 @@ def _file(folder, name):
 def _speed(folder):
     path, date = _file(folder, "bench.json")
     for row in load(path)["rows"] if path else []:
-        unit = row["unit"]
-        spread = (
-            "" if row["least"] == row["largest"] else "%.3g to %.3g %s" % (row["least"], row["largest"], unit)
-        )
-        yield (
-            "bench: " + row["name"],
-            dict(value="%.3g %s" % (row["median"], unit), interval=spread, date=date),
-        )
+        least, largest, unit = row["least"], row["largest"], row["unit"]
+        spread = "" if least == largest else "%.3g to %.3g %s" % (least, largest, unit)
+        value = "%.3g %s" % (row["median"], unit)
+        yield "bench: " + row["name"], dict(value=value, interval=spread, date=date)
 
 
 def _commands(folder):
     path, date = _file(folder, "commands.json")
     for row in load(path)["rows"] if path else []:
         if row["seconds"] is not None:
-            value = "%.2g s, %.0f MB" % (row["seconds"], row["MB"])
-            yield "commands: %s %s" % (row["verb"], row["size"]), dict(value=value, date=date)
+            name = "%s %s" % (row["verb"], row["size"])
+            yield "commands: " + name, dict(value="%.2g s" % row["seconds"], date=date)
+            yield "memory: " + name, dict(value="%.2g GB" % (row["MB"] / 1000), date=date)
 
 
 def _rates(folder):
@@ -145,12 +145,24 @@ def _lines(name):
     return tables[name], resumed.read
 
 
+def _cases(*rows):
+    """Number of cases of some rows together."""
+    return sum(int(count) for row in rows for count in re.findall(r"\d+", row.get("of", "")))
+
+
 def take(figures, found):
-    """Puts results into the rows of their keys; returns the keys without a row."""
-    rows = {row["key"]: row for section in figures["sections"] for row in section["rows"] if "key" in row}
-    for key in found.keys() & rows.keys():
-        rows[key].update({name: text for name, text in found[key].items() if text})
-    return sorted(found.keys() - rows.keys())
+    """Puts results into the rows that name their keys; returns the keys that no row names."""
+    rows = [row for section in figures["sections"] for row in section["rows"] if "keys" in row]
+    for row in rows:
+        new = [found[key] for key in row["keys"] if key in found]
+        if len(new) == len(row["keys"]) and _cases(*new) >= _cases(row):
+            for name in ("value", "interval", "of"):
+                texts = [one.get(name, "") for one in new]
+                text = "; ".join(texts[:1] if name == "of" and len(set(texts)) == 1 else texts)
+                row[name] = text if any(texts) else ""
+            row["date"] = max(one["date"] for one in new)
+    named = {key for row in rows for key in row["keys"]}
+    return sorted(found.keys() - named)
 
 
 def main():
