@@ -23,7 +23,7 @@ from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
 from ground.analysis.window_error import squared_errors
 from ground.effect_library import candidates
-from ground.poses import headings, repair
+from ground.poses import angles, repair
 
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]
 TABLE = ROOT / "cfg" / "craft" / "air_table.yaml"
@@ -243,7 +243,7 @@ def path_of(model, seed=3, duration=0.6):
     motion = _core.simulate(model, rows, times, *start)
     eta, nu = np.array(motion["eta"]), np.array(motion["nu"])
     names = samples.inputs(model)
-    values = {"x": eta[:, 0], "y": eta[:, 1], "psi": headings.wrap(eta[:, 2]), "t": times}
+    values = {"x": eta[:, 0], "y": eta[:, 1], "psi": angles.wrap(eta[:, 2]), "t": times}
     values.update(zip("uvr", nu.T), lift=rows[at, -1], **dict(zip(names, rows[at, 1:-1].T)))
     m, size = model.value("m"), np.array([model.value(n) for n in ("X_u", "Y_v", "N_r")])
     inertia = np.array([m, m, model.value("I_z")])

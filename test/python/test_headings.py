@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from conftest import identify, recording_of, simulate_run
-from ground.poses import headings
+from ground.poses import angles, headings
 
 
 def turned_back(times, psi):
@@ -27,8 +27,8 @@ def test_a_heading_that_steps_is_turned_back_to_that_of_the_longest_part(angle, 
     kept[200 : 200 + lost] = False
     found = recording_of(times[kept], turned[kept], inputs).motion
     ((when, step),) = found.heading_steps
-    assert when == pytest.approx(times[200 + lost]) and abs(headings.wrap(step + angle)) < 0.03
-    off = headings.wrap(found.measured[:, 2] - sound.measured[kept, 2])
+    assert when == pytest.approx(times[200 + lost]) and abs(angles.wrap(step + angle)) < 0.03
+    off = angles.wrap(found.measured[:, 2] - sound.measured[kept, 2])
     assert np.abs(off).max() < 0.03 and not found.jumps.any()
 
 
@@ -39,7 +39,7 @@ def test_parts_that_are_turned_are_turned_back():
     turned[400:, 2] -= np.pi / 2
     found = recording_of(times, turned, inputs).motion
     assert [round(np.degrees(step), -1) for _, step in found.heading_steps] == [90, -90, -90]
-    assert np.abs(headings.wrap(found.measured[:, 2] - eta[:, 2])).max() < 0.05
+    assert np.abs(angles.wrap(found.measured[:, 2] - eta[:, 2])).max() < 0.05
 
 
 @pytest.mark.parametrize("rate", [1.0, 8.0, 25.0])

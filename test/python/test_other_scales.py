@@ -11,6 +11,7 @@ from conftest import MODEL, identify
 from ground import _core
 from ground.analysis import windows
 from ground.checks import findings, quality, suspicions
+from ground.poses import time_scales
 from ground.reading.recording import Recording
 
 
@@ -87,7 +88,7 @@ def test_sound_recordings_are_read_alike(name):
 @every
 def test_the_window_of_the_error_follows_the_craft(name):
     craft = CRAFT[name]
-    usual = quality.usual_window(craft.model())
+    usual = time_scales.usual_window(craft.model())
     assert usual == {"palm-sized": 1.5, "free-flyer": 30, "ship": 75}.get(name, 15)
     data = quality.repaired(sound(name)).data(craft.model())
     cut = windows.cut([data])

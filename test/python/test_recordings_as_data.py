@@ -17,7 +17,7 @@ from containers import write_csv
 from ground.checks import quality
 from ground.data import measured
 from ground.data import read as reading
-from ground.poses import headings
+from ground.poses import angles
 from ground.support.progress import Work
 
 START, EARLY = 1000.0, 2.0  # the mocap's clock is behind by EARLY [s]
@@ -83,7 +83,7 @@ def test_a_frame_has_the_repaired_motion_and_its_velocities(two_clocks):
     def off(found, name, column):
         wanted = np.interp(found.t, times, np.unwrap(eta[:, 2]) if name == "psi" else eta[:, column])
         difference = found[name] - wanted
-        return np.abs(headings.wrap(difference) if name == "psi" else difference).max()
+        return np.abs(angles.wrap(difference) if name == "psi" else difference).max()
 
     assert off(frame, "x", 0) < 0.02 and off(frame, "psi", 2) < 0.05
     assert off(raw, "x", 0) > 2 and off(raw, "psi", 2) > 0.5  # as they were measured

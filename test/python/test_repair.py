@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from conftest import recording_of, simulate_run
-from ground.poses import headings
+from ground.poses import angles
 from ground.support.errors import GroundError
 
 COUNTED = (
@@ -28,7 +28,7 @@ def repaired(times, eta, inputs, **more):
 
 def off(measured, true):
     """Largest difference of headings, up to whole turns."""
-    return np.abs(headings.wrap(measured - true)).max()
+    return np.abs(angles.wrap(measured - true)).max()
 
 
 def test_a_sound_recording_is_smoothed_and_nothing_is_repaired():

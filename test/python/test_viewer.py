@@ -18,7 +18,7 @@ import ground
 from conftest import MODEL, ROOT, free_port, identify, located
 from ground.analysis import missing_wrench
 from ground.exporting import channels, viewers
-from ground.poses import headings, repair
+from ground.poses import angles, repair
 
 pytest.importorskip("foxglove", reason="foxglove-sdk needs Python 3.10")
 import foxglove
@@ -81,7 +81,7 @@ def test_an_exported_run_has_what_was_measured(run, exported):
     assert_same(numbers(messages["/pose"], *channels.POSE), stamps, raw[["x", "y", "psi"]])
     frame, motion = recording.to_frame(), recording.motion
     state = numbers(messages["/state"], *channels.MOTION)
-    state[1][:, 2] = headings.wrap(state[1][:, 2])
+    state[1][:, 2] = angles.wrap(state[1][:, 2])
     assert_same(state, motion.times, frame[["x", "y", "psi", "u", "v", "r"]])
     sent = numbers(messages["/commands"], "left", "right", "lift")
     assert_same(sent, recording.control_times, recording.controls)

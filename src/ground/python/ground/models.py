@@ -8,19 +8,18 @@ from typing import TYPE_CHECKING, Dict, Iterable, Iterator, Mapping, Optional, S
 import numpy as np
 
 from ground import _core
-from ground.effect_library.effects import Effect, EffectLike
 from ground.effect_library.parameters import described
 from ground.support import errors, files, origin
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError, core_errors
 from ground.support.public import public
-from ground.support.quantities import with_interval
 from ground.support.results import Shown
 
 if TYPE_CHECKING:
     import pandas
 
     from ground import Prediction
+    from ground.effect_library.effects import Effect, EffectLike
     from ground.equations.written import ExportedModel
     from ground.reading.recording import Recording
 
@@ -57,6 +56,8 @@ class Parameter:
         """Value and interval in words: "50.02 ms (95%: 49.98 to 50.05 ms)"."""
         if not self.identified:
             return "cannot be identified from these data"
+        from ground.support.quantities import with_interval
+
         return with_interval(self.value, *self.ci95, self.unit, self.runs)
 
     def __repr__(self) -> str:
@@ -223,19 +224,21 @@ class Model(Shown):
                 core.set_value(name, value)
         return _changed(core)
 
-    def with_effect(self, effect: EffectLike, **values: float) -> "Model":
+    def with_effect(self, effect: "EffectLike", **values: float) -> "Model":
         """A copy with an effect: an Effect, a name of the library, a YAML file with one effect, or its
         entry in a model file; values: those of its parameters. Also `model + effect`. GroundError when
         there is no such effect, or the model has it already."""
+        from ground.effect_library.effects import Effect
+
         candidate = Effect.of(effect).candidate(self.core)
         extended = _changed(candidate.add(self.core))
         return extended.with_values({"%s.%s" % (candidate.name, n): v for n, v in values.items()})
 
-    def __add__(self, effect: EffectLike) -> "Model":
+    def __add__(self, effect: "EffectLike") -> "Model":
         return self.with_effect(effect)
 
-    def __sub__(self, effect: Union[Effect, str]) -> "Model":
-        return self.without_effect(effect.name if isinstance(effect, Effect) else effect)
+    def __sub__(self, effect: "Union[Effect, str]") -> "Model":
+        return self.without_effect(effect if isinstance(effect, str) else effect.name)
 
     def without_effect(self, name: str) -> "Model":
         """A copy without an effect; also `model - name`. GroundError when the model has none of that

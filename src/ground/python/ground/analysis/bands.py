@@ -20,7 +20,7 @@ from ground import _core
 from ground.analysis import windows
 from ground.analysis.folds import Folds
 from ground.analysis.likelihood import CAP, LikelihoodFit, call
-from ground.poses import headings, repair
+from ground.poses import angles, repair
 from ground.reading.recording import POSE, VELOCITY
 from ground.support.annotations import Array, Document, Each, Flags
 from ground.support.errors import Diverged
@@ -169,7 +169,7 @@ def _measured(run: _core.RunData) -> Array:
     """(n, 6) as Prediction.measured; headings are unwrapped as the smoothed ones are."""
     eta, poses = np.array(run.eta), np.array(run.poses)
     if len(poses):
-        eta = np.column_stack([poses[:, :2], eta[:, 2] + headings.wrap(poses[:, 2] - eta[:, 2])])
+        eta = np.column_stack([poses[:, :2], eta[:, 2] + angles.wrap(poses[:, 2] - eta[:, 2])])
     return np.column_stack([eta, np.array(run.nu)])
 
 

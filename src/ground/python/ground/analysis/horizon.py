@@ -10,7 +10,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import window_error, windows
 from ground.analysis.likelihood import call
-from ground.poses import headings
+from ground.poses import angles
 from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import Diverged, GroundError
 
@@ -285,4 +285,4 @@ def apart(a: Array, b: Array) -> Array:
     """Distances of position [mm] and heading [deg] between poses (n, 3), (n, 2)."""
     off = a - b
     position = 1e3 * np.hypot(off[:, 0], off[:, 1])
-    return np.column_stack([position, np.degrees(np.abs(headings.wrap(off[:, 2])))])
+    return np.column_stack([position, np.degrees(np.abs(angles.wrap(off[:, 2])))])

@@ -14,7 +14,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.poses import headings
+from ground.poses import angles
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
@@ -79,7 +79,7 @@ def _deviation(parts: Sequence[FitWithout], run: _core.RunData, course: Courses)
 
 def _apart(a: Array, b: Array) -> Array:
     off = a - b
-    off[:, 2] = headings.wrap(off[:, 2])
+    off[:, 2] = angles.wrap(off[:, 2])
     return off
 
 

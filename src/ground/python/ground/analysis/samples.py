@@ -15,7 +15,7 @@ from scipy import linalg
 from ground import _core
 from ground.analysis import windows
 from ground.analysis.likelihood import Likelihood, LikelihoodFit, call
-from ground.poses import headings, scatter
+from ground.poses import angles, scatter
 from ground.support.annotations import Array
 
 RESTART = 0.25  # time that velocities are simulated from a filtered state [time scales]
@@ -132,7 +132,7 @@ def of_run(likelihood: Likelihood, fit: LikelihoodFit, run: int) -> Samples:
     # mean inputs of the thrusters and lift, as they reach the craft, from each sample to the next
     edges = np.append(times, times[-1] + scatter.interval(times))
     reaching = np.array(call(_core.mean_inputs, model, np.array(data.inputs), edges))
-    values.update(zip([*inputs(model), "lift"], reaching.T), psi=np.array(headings.wrap(psi)))
+    values.update(zip([*inputs(model), "lift"], reaching.T), psi=np.array(angles.wrap(psi)))
     return samples_of(model, values, times, windows.time_scale([data]))
 
 

@@ -9,7 +9,6 @@ from ground import _core
 from ground.analysis import windows
 from ground.effect_library import candidates
 from ground.effect_library.parameters import described
-from ground.poses import repair
 from ground.support.annotations import Array, Document, Indices, Random
 from ground.support.errors import Diverged, GroundError, core_errors, warn
 from ground.support.progress import Work
@@ -342,6 +341,8 @@ def recorded(
         except RuntimeError:
             raise Diverged("the model's motion along %s is not finite" % run.name)
         poses[at] = found["eta"] + np.array(run.noise) * random.normal(size=(len(at), 3))
+    from ground.poses import repair  # few fits draw poses
+
     smoothed = repair.again(run, poses)
     alone = run.replaced(wrench=np.empty((0, 3)), inertial=_core.InertialData())
     return alone.replaced(eta=smoothed["eta"], nu=smoothed["nu"], poses=poses)

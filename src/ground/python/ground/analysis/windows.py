@@ -3,7 +3,7 @@
 from typing import Dict, List, Optional, Sequence
 
 from ground import _core
-from ground.checks.quality import WINDOW
+from ground.poses.time_scales import WINDOW
 from ground.support.errors import GroundError, core_errors
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ground.checks import reply, suspicions
 from ground.checks.quality import SHORTEST, RepairedRun, lifted, same_inputs
-from ground.poses import headings, kinematics, repair, scatter
+from ground.poses import angles, kinematics, repair, scatter
 from ground.reading import words
 from ground.reading.recording import Recording
 from ground.reading.run_settings import NAMES, RunFile
@@ -128,7 +128,7 @@ def _poses_of(run: RepairedRun) -> Document:
         "duplicate_stamps": int((steps == 0).sum()),
         "stamps_out_of_order": int((np.diff(stamps) < 0).sum()),
         "bursts": int((steps < repair.APART * usual).sum()),
-        "heading_wraps": int((np.abs(np.diff(headings.wrap(motion.measured[:, 2]))) > np.pi).sum()),
+        "heading_wraps": int((np.abs(np.diff(angles.wrap(motion.measured[:, 2]))) > np.pi).sum()),
         "mirrored_headings": motion.repairs["headings mirrored back"],
         "heading_steps": [{"time": float(t - run.zero), "angle": angle} for t, angle in motion.heading_steps],
         "frozen": motion.repairs["frozen poses dropped"],

@@ -7,7 +7,7 @@ import numpy as np
 
 from ground import _core
 from ground.checks import reply
-from ground.poses import inertial, kinematics, repair, scatter
+from ground.poses import inertial, kinematics, repair, scatter, time_scales
 from ground.reading.recording import Recording, once
 from ground.support.annotations import Array, Flags
 from ground.support.errors import GroundError
@@ -16,7 +16,6 @@ from ground.support.errors import GroundError
 # after a contact, of a silence, and that is kept of a rest [usual intervals between poses]
 SHORTEST, IDLE, MARGIN = 36, 120, 12
 MOVED = 20.0  # largest movement of a craft at rest [standard deviations of a pose]
-WINDOW = 1.5  # length of the windows of the error [time scales]
 FEWEST_POSES = 10  # intervals between poses in the shortest window
 FROZEN = 36  # poses in a row that repeat the last one, if thrusters act, from which they are no measurement
 STEPS = 0.25  # largest change of velocity of a pose that steps, relative to that of one interval
@@ -30,12 +29,6 @@ EVEN = 3.0  # ratio of a long interval to the usual one up to which a publisher 
 MOST_LEVELS = {1: 6, 2: 6, 3: 4, 4: 3}  # levels of each thruster in a grid, by their number; else 2
 
 Span = Tuple[float, float]  # start, end [s]
-
-
-def usual_window(model: _core.Model) -> float:
-    """Length of the windows of the error that suits a model [s]: long enough for what is missing to show,
-    and short enough that random pushes do not hide it. 1.5 s for a palm-sized hovercraft."""
-    return WINDOW * _core.time_scale(model)
 
 
 class RepairedRun:
@@ -189,7 +182,7 @@ class RepairedRun:
             self.drives,
             inertial=self._inertial(),
             payload=self.recording.payload,
-            scales=_core.RunScales(*scales, max(window or usual_window(model), least)),
+            scales=_core.RunScales(*scales, max(window or time_scales.usual_window(model), least)),
             battery=None if self.recording.voltage is None else self.recording.voltage.rows(self.zero),
         )
 

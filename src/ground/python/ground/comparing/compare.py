@@ -38,12 +38,12 @@ import numpy as np
 from ground.analysis import comparison, horizon
 from ground.analysis.distributions import mean_not_above_zero, pieces_of
 from ground.analysis.window_error import noise_floor
-from ground.checks import quality
 from ground.comparing.result import ROLES, Comparison, Ranking, RunComparison, prepare
 from ground.data import bag_arguments
 from ground.data.measured import Part, note_differences, note_suspicions, repaired
 from ground.data.read import NO_RECORDING, Recordings, taken
 from ground.models import Model, ModelLike
+from ground.poses import time_scales
 from ground.reading.recording import Recording
 from ground.reports import inspection, result_folder
 from ground.support import command_line, workers
@@ -124,7 +124,9 @@ def _each_run(
 ) -> Iterator[RunComparison]:
     """The RunComparison of each run, in their order."""
     first = next(iter(models.values()))
-    part = replace(part, window=part.window or quality.usual_window(first.core))  # the same for all models
+    part = replace(
+        part, window=part.window or time_scales.usual_window(first.core)
+    )  # the same for all models
     recordings = [recording.with_lift_of(first.core) for recording in recordings]
     lengths = [1 + int(recording.duration) for recording in recordings]
     runs = repaired(recordings, work)

@@ -13,7 +13,7 @@ from ground.checks import quality
 from ground.data.measured import Part
 from ground.data.read import Recordings, taken
 from ground.models import Model, ModelLike
-from ground.poses import headings
+from ground.poses import angles
 from ground.reading.recording import (
     HIGH,
     LOW,
@@ -76,7 +76,7 @@ class Prediction(Shown, Plotted):
     def residuals(self) -> Array:
         """Measured minus predicted (n, 6), psi within a half turn."""
         left = self.measured - self.predicted
-        left[:, 2] = headings.wrap(left[:, 2])
+        left[:, 2] = angles.wrap(left[:, 2])
         return left
 
     @property

@@ -2,20 +2,20 @@
 
 import functools
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence
 
 from ground import _core
-from ground.checks import findings, quality, suspicions
-from ground.checks.quality import RepairedRun
 from ground.data import voltage
 from ground.data.read import NO_RECORDING, Recordings, both, distinct, taken
 from ground.models import Model
-from ground.poses import smoothed
 from ground.reading.recording import Recording
 from ground.support.command_line import option, positive, seconds
 from ground.support.errors import GroundError, GroundNote, warn
 from ground.support.progress import Work
-from ground.support.workers import Workers
+
+if TYPE_CHECKING:
+    from ground.checks import suspicions
+    from ground.checks.quality import RepairedRun
 
 REPAIRING = "repairing recordings"  # stage
 WORTH_REPAIRING = 2e4  # poses from which several processes repair recordings sooner
@@ -26,12 +26,15 @@ def repaired(
     work: Work,
     model: Optional[_core.Model] = None,
     others: Sequence[Recording] = (),
-) -> List[RepairedRun]:
+) -> "List[RepairedRun]":
     """The recordings with their motion repaired, which takes time. A mocap smooths all of them or none, so
     that the recording of a RepairedRun may be a copy; the given ones stay as they are.
 
     work: counts the repaired ones. model: of the craft, whose channels are then judged in each recording.
     others: recordings of the same mocap from `repaired`, which decide whether it smooths."""
+    from ground.checks import quality, suspicions
+    from ground.support.workers import Workers
+
     thrusters = suspicions.judged_by(found, model)
     poses = sum(len(recording.eta) for recording in found)
     with work.stage(REPAIRING, len(found)):
@@ -52,6 +55,8 @@ def _smoothed_alike(found: Sequence[Recording], others: Sequence[Recording]) -> 
     answers = [one is not None for one in alone] + [any(decided)] * bool(decided)
     if all(answers) or not any(answers):
         return found
+    from ground.poses import smoothed
+
     seen = [(r.thrust, r.averaged, r.as_before(None) if r.motion.low_pass else r.motion) for r in found]
     return [
         recording if one == own else recording.with_low_pass(one)
@@ -59,8 +64,10 @@ def _smoothed_alike(found: Sequence[Recording], others: Sequence[Recording]) -> 
     ]
 
 
-def _repaired(thrusters: suspicions.Thrusters, recording: Recording) -> Dict[str, Any]:
+def _repaired(thrusters: "suspicions.Thrusters", recording: Recording) -> Dict[str, Any]:
     """What a Recording knows when it has been repaired and looked at."""
+    from ground.checks import quality, suspicions
+
     quality.repaired(recording)
     suspicions.of(recording)
     if thrusters:
@@ -70,6 +77,8 @@ def _repaired(thrusters: suspicions.Thrusters, recording: Recording) -> Dict[str
 
 def note_differences(found: Sequence[Recording], others: Sequence[Recording] = ()) -> None:
     """Warns if runs, of these and of `others`, were recorded with different settings."""
+    from ground.checks import findings
+
     different = findings.differences([*others, *found])
     if different and different != findings.differences(others):
         warn(different, GroundNote)
@@ -77,6 +86,8 @@ def note_differences(found: Sequence[Recording], others: Sequence[Recording] = (
 
 def note_suspicions(found: Sequence[Recording], model: Model) -> None:
     """Warns of mistakes that recordings of a model's craft look like."""
+    from ground.checks import suspicions
+
     for finding in suspicions.about(found, model.core):
         warn(finding.sentence)
 
@@ -96,7 +107,7 @@ class Part:
         metavar="S",
     )
 
-    def of(self, run: RepairedRun, model: Model) -> _core.RunData:
+    def of(self, run: "RepairedRun", model: Model) -> _core.RunData:
         """_core.RunData of that part of a run. GroundError when nothing is left of it."""
         return run.data(model.core, self.start, self.end, self.everything, self.window)
 
@@ -107,11 +118,13 @@ class Measured:
 
     recordings: List[Recording]
     data: List[_core.RunData]
-    findings: List[suspicions.Suspicion]  #: mistakes that the recordings look like
+    findings: "List[suspicions.Suspicion]"  #: mistakes that the recordings look like
 
     @property
-    def runs(self) -> List[RepairedRun]:
+    def runs(self) -> "List[RepairedRun]":
         """The recordings with their motion repaired."""
+        from ground.checks import quality
+
         return [quality.repaired(recording) for recording in self.recordings]
 
     def refuse_misread(self) -> None:
@@ -130,6 +143,8 @@ def measured(
     these are held out. Warns of possible errors of a recording's repair, and of settings that differ
     among these and `others`. GroundError when a recording cannot be used.
     """
+    from ground.checks import findings, suspicions
+
     if not model.core.input_max > 0:
         raise GroundError("the model's input_max is not positive")
     found = [recording.with_lift_of(model.core) for recording in taken(given)]

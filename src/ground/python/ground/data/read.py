@@ -5,7 +5,6 @@ import os
 from dataclasses import replace
 from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
-from ground.reading import readers, recorded_files
 from ground.reading.mapping import DEFAULT, FieldMapping, load
 from ground.reading.recording import Recording
 from ground.support.annotations import Path
@@ -86,6 +85,8 @@ def reading(
 ) -> Iterator[Recording]:
     """The recordings in bags and folders, all read before the first one is returned; work: told of
     each that is read."""
+    from ground.reading import readers, recorded_files  # recordings in memory need neither
+
     found, work = [], work or Work()
     bags = recorded_files.listed(paths, mapping)
     sizes = [recorded_files.size(path) // 1000 for path in bags]

@@ -8,7 +8,6 @@ from typing import Iterator, List
 
 from ground.analysis.diagnosis import EXPLAINED
 from ground.analysis.search import LEVEL
-from ground.checks import suspicions
 from ground.diagnosing import words
 from ground.effect_library import candidates
 from ground.reports.words import capital, direction, listed, number, off, prediction
@@ -75,6 +74,8 @@ def title(report: Document) -> str:
 
 def _answers(report: Document) -> Iterator[str]:
     if report["verdict"] == "misread":
+        from ground.checks import suspicions
+
         yield (
             "not searched - these recordings seem to be read with wrong units, axes, channels or clocks, "
             "so that effects found in them would be wrong."

@@ -11,13 +11,11 @@ import numpy as np
 
 from ground.analysis import diagnosis
 from ground.analysis.verdict import MISREAD, conclude
-from ground.checks import findings
 from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, held_out, measured
 from ground.data.read import Recordings
 from ground.diagnosing import answer, document
 from ground.diagnosing.drawn import REFITTED, Drawn
-from ground.diagnosing.next_experiment import IN_ROOM
 from ground.diagnosing.result import Diagnosis, prepare
 from ground.effect_library import candidates
 from ground.effect_library.effects import Effect, EffectLike
@@ -141,6 +139,8 @@ def diagnose(
             {of: report[kind]["error"][of] for of in ("fit", "heldout")} for kind in ("nominal", "improved")
         )
         improved = fitted_model(conclusion.improved, seen.recordings, before, after, parameters)
+    from ground.checks import findings
+
     read = [run.path for run in seen.recordings + held.recordings]
     read += [given.path, *(effect.path for effect in own)]
     models = {REFITTED: conclusion.before.model}
@@ -240,6 +240,8 @@ def _next_inputs(proposed: Document, seen: Measured, room: Optional[Room]) -> Op
         proposed["launch"] += " room:=" + at if at else ""
     else:
         truth, arguments = shlex.quote(simulated.files["truth"].place()), proposed["arguments"]
+        from ground.diagnosing.next_experiment import IN_ROOM
+
         options = "%s --duration %g" % (arguments, IN_ROOM) + (" --room " + at if at else "")
         program = "rosrun ground identify simulate --model %s %s -o next.bag"
         proposed["launch"] = program % (truth, options)

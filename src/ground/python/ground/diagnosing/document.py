@@ -1,7 +1,7 @@
 """What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
 import dataclasses
-from typing import Any, Iterable, List, Mapping, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Iterable, List, Mapping, Optional, Sequence
 
 from ground import _core
 from ground.analysis import bands, excerpts, horizon
@@ -10,10 +10,11 @@ from ground.analysis.evidence import Trial
 from ground.analysis.likelihood import LikelihoodFit
 from ground.analysis.search import LookAlike
 from ground.analysis.verdict import MISREAD, Conclusion
-from ground.diagnosing import next_experiment
-from ground.diagnosing.next_experiment import NextExperiment
 from ground.effect_library import candidates
 from ground.support.annotations import Document
+
+if TYPE_CHECKING:
+    from ground.diagnosing.next_experiment import NextExperiment
 
 SCHEMA = "ground/diagnosis/1"
 MAX_PLANNED_RUNS = 6  # runs that the next experiment is planned with
@@ -228,15 +229,17 @@ def _next_experiment(
     diagnosis: StepwiseDiagnosis,
     alike: Sequence[LookAlike],
     room: Optional[_core.RoomPlan],
-) -> Optional[NextExperiment]:
+) -> "Optional[NextExperiment]":
     """The experiment that would distinguish the effects of the first group. Without a group, the
     experiment that would show an effect which these runs cannot; None if there is none."""
+
+    from ground.diagnosing import next_experiment
 
     many = len(diagnosis.runs)
     some = [diagnosis.runs[i * many // MAX_PLANNED_RUNS] for i in range(MAX_PLANNED_RUNS)]
     runs = diagnosis.runs if many <= MAX_PLANNED_RUNS else some
 
-    def propose(rivals: Mapping[str, LikelihoodFit]) -> Optional[NextExperiment]:
+    def propose(rivals: Mapping[str, LikelihoodFit]) -> "Optional[NextExperiment]":
         return next_experiment.propose(rivals, runs, diagnosis.each, room, diagnosis.work)
 
     for step in diagnosis.steps:

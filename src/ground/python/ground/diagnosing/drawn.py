@@ -6,10 +6,8 @@ from typing import Dict, List, Sequence, Tuple
 
 from ground import _core
 from ground.analysis.bands import Bands
-from ground.reports import inspection
 from ground.support.annotations import Document
 from ground.support.errors import Diverged, warn
-from ground.support.workers import Workers
 
 REFITTED = "refitted"  # label of the nominal model
 
@@ -30,6 +28,9 @@ class Drawn:
     def inspected(self, chosen: Sequence[int]) -> List[List[Document]]:
         """For runs by their numbers, first those fitted to, the results of ground.reports.inspection for each
         model; none, with a warning, where a motion is not finite."""
+        from ground.reports import inspection
+        from ground.support.workers import Workers
+
         runs = [(run, "fit") for run in self.runs] + [(run, "held_out") for run in self.held]
 
         def inspect(task: Tuple[int, Tuple[str, _core.Model]]) -> Document:

@@ -12,7 +12,7 @@ from ground.diagnosing import answer, document, words
 from ground.diagnosing.drawn import REFITTED, Drawn
 from ground.effect_library.effects import Effect
 from ground.models import Model, Parameter
-from ground.reports import matlab, result_folder
+from ground.reports import result_folder
 from ground.support import files
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
@@ -112,6 +112,8 @@ class Diagnosis(Shown, Plotted):
         measured and what the models "refitted" (without the effects) and "improved" predict, and `effects`
         with those tried; its text `about` has units and frames. GroundError when the file cannot be written,
         or the diagnosis was loaded."""
+        from ground.reports import matlab
+
         if self.drawn is None:
             raise GroundError("a diagnosis that was loaded has no runs to write: diagnose again with --mat")
         models = {REFITTED: Model(self.drawn.models[REFITTED]), "improved": self.improved}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Mapping, 
 import yaml
 
 from ground import _core
-from ground.effect_library import candidates, traced, units
+from ground.effect_library import candidates
 from ground.effect_library.candidates import Candidate
 from ground.support import files
 from ground.support.annotations import Document, Path
@@ -78,6 +78,8 @@ class Effect(Shown):
         formulas = {key: text for key, text in (("X", X), ("Y", Y), ("N", N)) if text}
         formulas.update({"thrust_" + key: text for key, text in thrust.items()})
         if force is not None:
+            from ground.effect_library import traced
+
             formulas.update(traced.traced(name, force, states, parameters))
         self.entry: Document = {"name": name}  #: as model files list it
         self.path = ""  #: of the file that it was read from
@@ -126,6 +128,8 @@ class Effect(Shown):
         formulas = {key: text for key, text in (("X", X), ("Y", Y), ("N", N)) if text.strip()}
         if not formulas:
             raise GroundError("write a formula for X, Y or N")
+        from ground.effect_library import units
+
         own = units.parameters(formulas, ["u_" + one for one in ("L", "R", *thrusters)])
         if not own:
             raise GroundError("the formula has no parameter that a fit could find, as a in a*u*v")

@@ -1,14 +1,16 @@
 """Whether a controller answers the motion of a recording: then disturbances look like effects of commands."""
 
-from typing import Iterator, Sequence
+from typing import TYPE_CHECKING, Iterator, Sequence
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import window_error
-from ground.checks.quality import RepairedRun
 from ground.support.annotations import Array
 from ground.support.errors import Diverged
+
+if TYPE_CHECKING:
+    from ground.checks.quality import RepairedRun
 
 # Shares of the time scale: over which coming and past commands are averaged, how old motion is, samples
 AHEAD, PAST, OLD, STEP = 0.1, (1e-3, 0.05, 0.1, 0.2, 0.4, 0.8), (0.1, 0.3), 0.05
@@ -17,7 +19,7 @@ SHIFTS = 49  # other times that the motion is tried at: fits to open loops are c
 MIN_NEW = 0.3  # share of the commands that past ones do not explain, above which the test is skipped
 
 
-def closed(runs: Sequence[RepairedRun], data: Sequence[_core.RunData], model: _core.Model) -> Iterator[str]:
+def closed(runs: "Sequence[RepairedRun]", data: Sequence[_core.RunData], model: _core.Model) -> Iterator[str]:
     """Names of the runs whose commands depend on the motion before them. data: of the runs; model: fitted.
 
     The test: motion explains the coming commands of all runs better than motion of any other time does,
@@ -59,7 +61,7 @@ def _rest(base: Array, columns: Array) -> Array:
     return np.asarray(np.linalg.qr(columns - base @ (base.T @ columns))[0])
 
 
-def _commands(run: RepairedRun, begin: Array, end: Array) -> Array:
+def _commands(run: "RepairedRun", begin: Array, end: Array) -> Array:
     """Mean thrust commands between times."""
     middle, width = run.zero + 0.5 * (begin + end), float(end[0] - begin[0])
     return run.recording.averaged(run.recording.thrust, middle, width)

@@ -9,18 +9,17 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import comparison, horizon, window_error, windows
+from ground.analysis import horizon, window_error, windows
 from ground.analysis.distributions import student_outside
 from ground.analysis.horizon import ModelsAt, PredictionError
-from ground.analysis.predicted_band import FitWithout
 from ground.analysis.window_error import WindowFit, WindowFitter
-from ground.checks import quality
-from ground.data import bag_arguments, voltage
-from ground.data.measured import Measured, held_out, measured
+from ground.data import voltage
+from ground.data.measured import Measured, Part, held_out, measured
 from ground.data.read import Recordings
 from ground.fitting import closed_loop, identifiability, priors
 from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model, parameters_by_name
+from ground.poses import time_scales
 from ground.support import command_line
 from ground.support.annotations import Document
 from ground.support.command_line import count, option
@@ -40,7 +39,7 @@ FITTING, ALONE = "fitting", "fitting to each run alone"  # stages
 
 
 @dataclass(frozen=True)
-class FitOptions(bag_arguments.Part):
+class FitOptions(Part):
     """How a model is fitted."""
 
     free: Sequence[str] = option(
@@ -154,6 +153,8 @@ def fit(
         models["fitted"] = functools.partial(fitter.models_at, found)
     tested, seconds = held.data or seen.data, horizon.horizon(seen.data, start)
     prediction = horizon.prediction_error(tested, seconds, models, found.model)
+    from ground.analysis.predicted_band import FitWithout
+
     parts = [
         FitWithout(without["model"], seen.data[part :: fitter.most_parts])
         for part, without in (found.others.items() if len(seen.data) > 1 else ())
@@ -179,7 +180,7 @@ def _prepared(
     lengths: List[float] = []
     longest = 0.5 * min(float(np.ptp(run.times)) for run in seen.data)
     while True:
-        cut = _recut(seen, given, options, min(quality.usual_window(model), longest))
+        cut = _recut(seen, given, options, min(time_scales.usual_window(model), longest))
         if windows.length(cut.data) in lengths:
             break
         lengths.append(windows.length(cut.data))
@@ -188,7 +189,7 @@ def _prepared(
         if kept and _worse(cut.data, found["model"], moved["model"]):
             found, kept, unknown = moved, [], []
         model = found["model"]
-    if quality.usual_window(model) > longest:
+    if time_scales.usual_window(model) > longest:
         cut = seen  # too short for this craft: as given
     same = windows.length(cut.data) == windows.length(seen.data)
     return cut, given.core if same else model, kept, unknown
@@ -253,6 +254,9 @@ def _result(
     runs: List[RunFit],
     known: priors.Known,
 ) -> Fit:
+    from ground.analysis import comparison
+    from ground.checks import quality
+
     core, parameters = result["model"], parameters_by_name(result["parameters"])
     return Fit(
         model=fitted_model(core, seen.recordings, *_by_kind(errors), parameters),
@@ -294,11 +298,15 @@ def _by_kind(errors: Errors) -> Tuple[Dict[str, float], Dict[str, float]]:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify fit."""
+    from ground.data import bag_arguments
+
     bag_arguments.configure_fit(parser, "model, with the start values", "FITTED.yaml", FitOptions)
     command_line.add_mat(parser)
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs identify fit; returns what --json prints."""
+    from ground.data import bag_arguments
+
     command_line.check_mat(arguments)
     return bag_arguments.run_fit(arguments, fit, FitOptions)

@@ -11,11 +11,8 @@ from ground.analysis import windows
 from ground.analysis.distributions import student_limit
 from ground.analysis.horizon import PredictionError, as_document
 from ground.analysis.likelihood import step
-from ground.analysis.predicted_band import FitWithout
-from ground.analysis.score_tests import moved
 from ground.effect_library.parameters import described
 from ground.models import Model, Parameter, parameter_frame
-from ground.reports import words
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
 from ground.support.headline import Line
@@ -26,6 +23,7 @@ if TYPE_CHECKING:
     import pandas
 
     from ground import Prediction
+    from ground.analysis.predicted_band import FitWithout
     from ground.reading.recording import Recording
 
 FAR = 100.0  # ratio to the start value of a parameter at its bound that is none of the craft
@@ -116,7 +114,7 @@ class Fit(Shown, Plotted):
     freedom: float  #: degrees of freedom of Student's t of the intervals
     data: List[_core.RunData] = field(compare=False)  #: the parts of the runs fitted to
     #: fits without a part of several runs
-    parts: List[FitWithout] = field(default_factory=list, compare=False)
+    parts: "List[FitWithout]" = field(default_factory=list, compare=False)
 
     def predict(
         self,
@@ -137,6 +135,8 @@ class Fit(Shown, Plotted):
     def conf_int(self, level: float = 0.95) -> "pandas.DataFrame":
         """Confidence intervals of the parameters, indexed by name: low, high, by Student's t of their
         coordinates. GroundError when level is not between 0 and 1."""
+        from ground.analysis.score_tests import moved
+
         if not 0 < level < 1:
             raise GroundError("a level of confidence is between 0 and 1, not %g" % level)
         factor = student_limit(0.5 - level / 2, self.freedom) / student_limit(0.025, self.freedom)
@@ -223,6 +223,8 @@ class Fit(Shown, Plotted):
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: what was fitted, how well it predicts, and what to do next."""
+        from ground.reports import words
+
         prediction = words.prediction(as_document(self.prediction), "given", "fitted")
         unknown = [p.name for p in self.parameters.values() if not p.identified]
         told = "%s of %s" % (words.listed(list(self.parameters)), self.model.name)
@@ -248,6 +250,8 @@ class Fit(Shown, Plotted):
         ]
 
     def _next(self, unknown: Sequence[str], written: str) -> str:
+        from ground.reports import words
+
         ratio = words.times_the_mocap(as_document(self.prediction), "fitted")
         if self.given.doubts:
             return "correct the model that was given, and fit again: %s" % self.given.doubts[0]

@@ -4,8 +4,8 @@ from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.poses import frame_clock, scatter
-from ground.support.annotations import Array, ArrayLike
+from ground.poses import angles, frame_clock, scatter
+from ground.support.annotations import Array
 
 FLIP_COST = (3.0, 0.5)  # minus log-likelihood of a change of mirroring, and of a mirrored heading
 AROUND = 6  # poses before and after a step of the heading that are compared
@@ -15,11 +15,6 @@ EXPLAINED = 4.0  # least step [what the change of the rate explains]
 TOGETHER = 2.0 * AROUND  # longest time that poses on one side of a step last [usual intervals]
 
 Steps = List[Tuple[float, float]]  # when [s], by how much [rad]
-
-
-def wrap(angle: ArrayLike) -> Array:
-    """The angle [rad] within a half turn of zero."""
-    return np.asarray(np.angle(np.exp(1j * np.asarray(angle))))
 
 
 def turned_back(times: Array, eta: Array, fastest: float) -> Tuple[Array, Steps, List[float]]:
@@ -51,7 +46,7 @@ def turned_back(times: Array, eta: Array, fastest: float) -> Tuple[Array, Steps,
         begins = [begin, *(i for i, _ in inside)]
         ends = [*begins[1:], end]
         longest = int(np.argmax([times[b - 1] - times[a] for a, b in zip(begins, ends)]))
-        off[begin:end] = wrap(off[begin:end] - off[begins[longest]])
+        off[begin:end] = angles.wrap(off[begin:end] - off[begins[longest]])
     off[np.abs(off) < LEAST_STEP] = 0.0  # the same pattern again
     found = [(float(times[i]), step) for i, step in steps]
     return psi - off, found, [float(times[i]) for i in breaks[1:]]
@@ -59,9 +54,9 @@ def turned_back(times: Array, eta: Array, fastest: float) -> Tuple[Array, Steps,
 
 def _odd(times: Array, psi: Array) -> Sequence[int]:
     """Indices of the poses before which the heading changes by far more than around."""
-    steps = wrap(np.diff(psi))
+    steps = angles.wrap(np.diff(psi))
     usual = scatter.running_median(steps, AROUND)
-    return [int(i) + 1 for i in np.flatnonzero(np.abs(wrap(steps - usual)) > LEAST_STEP)]
+    return [int(i) + 1 for i in np.flatnonzero(np.abs(angles.wrap(steps - usual)) > LEAST_STEP)]
 
 
 def _step(times: Array, columns: Array, at: int, usual: float, least: float, fastest: float = 0.0) -> float:
@@ -81,7 +76,7 @@ def _step(times: Array, columns: Array, at: int, usual: float, least: float, fas
         rest = rows - np.outer(stamps, line[0]) - line[1]
         spread = max(spread, float(np.std(rest, axis=0, ddof=2).max()))
     change, step = lines[1] - lines[0]
-    size = float(wrap(step[0])) if angle else float(np.linalg.norm(step))
+    size = float(angles.wrap(step[0])) if angle else float(np.linalg.norm(step))
     waited = times[at] - times[at - 1]
     moved = EXPLAINED * float(np.linalg.norm(change)) * (waited + AROUND * usual / 2)
     return size if abs(size) > max(least, BEYOND * spread, moved, fastest * (waited - usual)) else 0.0
@@ -100,12 +95,12 @@ def unmirrored(psi: Array) -> Tuple[Array, int]:
         return psi, 0
     readings = np.stack([psi, centre - psi])  # row 1: the heading if it was mirrored
     steps = np.diff(psi)
-    turning = scatter.running_median(wrap(steps), 7)
+    turning = scatter.running_median(angles.wrap(steps), 7)
     width = 0.02 + 0.3 * np.abs(turning)
     change, mirrored = FLIP_COST
 
     def step(k: int) -> Array:
-        off = wrap(readings[None, :, k] - readings[:, k - 1, None] - turning[k - 1]) / width[k - 1]
+        off = angles.wrap(readings[None, :, k] - readings[:, k - 1, None] - turning[k - 1]) / width[k - 1]
         return np.asarray(np.minimum(np.abs(off), 20) + change * (1 - np.eye(2)))
 
     own = np.array([0.0, mirrored])
@@ -117,12 +112,12 @@ def unmirrored(psi: Array) -> Tuple[Array, int]:
 def _mirror_centre(psi: Array) -> Optional[float]:
     """Sum of a heading and its mirrored one [rad]; None when no heading is mirrored."""
     before, here, after = psi[:-2], psi[1:-1], psi[2:]
-    middle = before + 0.5 * wrap(after - before)
+    middle = before + 0.5 * angles.wrap(after - before)
     # Neighbours that agree, and a heading between them that does not.
-    odd = (np.abs(wrap(after - before)) < 0.3) & (np.abs(wrap(here - middle)) > 0.5)
+    odd = (np.abs(angles.wrap(after - before)) < 0.3) & (np.abs(angles.wrap(here - middle)) > 0.5)
     if not odd.any():
         return None
-    sums = wrap(here[odd] + middle[odd])
+    sums = angles.wrap(here[odd] + middle[odd])
     centre = np.median(sums)
-    near = np.abs(wrap(sums - centre)) < 0.1
+    near = np.abs(angles.wrap(sums - centre)) < 0.1
     return float(np.median(sums[near])) if near.mean() > 0.5 else None

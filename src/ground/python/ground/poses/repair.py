@@ -6,7 +6,7 @@ from typing import Dict, List, Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.poses import frame_clock, headings, scatter
+from ground.poses import angles, frame_clock, headings, scatter
 from ground.poses.low_pass import LowPass
 from ground.support.annotations import Array, Document, Flags, Indices
 from ground.support.errors import GroundError
@@ -105,7 +105,7 @@ def repair(
     jumps = (np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= max_gap))[used]
     moved, nu, nu_dot = (smoothed[key][used] for key in ("eta", "nu", "nu_dot"))
     times, eta = times[used], eta[used]
-    eta[:, 2] = moved[:, 2] + headings.wrap(eta[:, 2] - moved[:, 2])
+    eta[:, 2] = moved[:, 2] + angles.wrap(eta[:, 2] - moved[:, 2])
     return Motion(
         times, eta, moved, nu, nu_dot, noise, scales, jumps, spikes, clock, repairs, heading_steps, breaks,
         low_pass,
@@ -142,7 +142,7 @@ def _outliers(times: Array, eta: Array, noise: Array) -> Flags:
     (1974) of the median distance to what the neighbours' usual velocity makes of them, by the stamps (n,) [s]
     or by the order of the poses."""
     steps = np.diff(eta, axis=0)
-    steps[:, 2] = headings.wrap(steps[:, 2])
+    steps[:, 2] = angles.wrap(steps[:, 2])
     lasted = np.maximum(np.diff(times), 0.1 * scatter.interval(times))[:, None]
     by_order, by_time = (scatter.running_median(rows, BESIDE) for rows in (steps, steps / lasted))
     by_order, by_time = (np.vstack([rows, rows[-1:]]) for rows in (by_order, by_time))
@@ -152,7 +152,7 @@ def _outliers(times: Array, eta: Array, noise: Array) -> Flags:
         gone = by_order * (other - index)[:, None], by_time * (times[other] - times)[:, None]
         off = eta[other] - eta - np.stack(gone)
         places.append(np.linalg.norm(off[..., :2], axis=-1).min(axis=0))
-        turns.append(np.abs(headings.wrap(off[..., 2])).min(axis=0))
+        turns.append(np.abs(angles.wrap(off[..., 2])).min(axis=0))
         sides.append((off[0, :, 0] + 1j * off[0, :, 1], np.exp(1j * off[0, :, 2])))
     found = np.zeros(len(times), bool)
     for i, (distances, least) in enumerate(((places, noise[0]), (turns, noise[2]))):

@@ -21,9 +21,7 @@ from typing import (
 import numpy as np
 
 from ground import _core
-from ground.poses.inertial import InertialSamples
 from ground.reading import units
-from ground.reading.battery import Voltage
 from ground.reading.commands import CHANNELS
 from ground.reading.mapping import LIFT, RANGE
 from ground.reading.run_settings import LiveChange, RunFile, Settings
@@ -39,7 +37,9 @@ if TYPE_CHECKING:
 
     from ground import Model
     from ground.poses import repair
+    from ground.poses.inertial import InertialSamples
     from ground.poses.low_pass import LowPass
+    from ground.reading.battery import Voltage
 
 _T = TypeVar("_T")
 
@@ -92,9 +92,9 @@ class Recording(Plotted):
     lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
     noise: Optional[Tuple[float, float]] = None  #: given, of positions [m] and headings [rad]
     frame_rate: Optional[float] = None  #: given, of the mocap's camera [Hz]
-    inertial: Optional[InertialSamples] = None  #: of the craft's gyro and accelerometer, if recorded
+    inertial: "Optional[InertialSamples]" = None  #: of the craft's gyro and accelerometer, if recorded
     payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
-    voltage: Optional[Voltage] = None  #: of the craft's battery, if recorded
+    voltage: "Optional[Voltage]" = None  #: of the craft's battery, if recorded
     digest: str = ""  #: of the content of the files that it was read from; empty: none
     # of the mocap, as all runs of one call say together; empty: as this run says
     decided: "Tuple[Optional[LowPass], ...]" = ()
@@ -296,7 +296,7 @@ class Recording(Plotted):
         poses cannot be repaired."""
         import pandas
 
-        from ground.poses import headings, repair
+        from ground.poses import angles, repair
 
         if raw:
             times = repair.on_commands_clock(self.pose_times, self.clock_offset)
@@ -305,7 +305,7 @@ class Recording(Plotted):
         else:
             times, names = self.motion.times, [*POSE, *VELOCITY]
             eta = self.motion.measured
-            motion = np.column_stack([eta[:, :2], headings.wrap(eta[:, 2]), self.motion.nu])
+            motion = np.column_stack([eta[:, :2], angles.wrap(eta[:, 2]), self.motion.nu])
         commands = self.held(self.controls, times)
         commands[times < self.control_times[0]] = np.nan
         taken = ["t", *names]

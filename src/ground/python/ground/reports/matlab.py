@@ -9,7 +9,7 @@ from ground import _core
 from ground.analysis import comparison
 from ground.effect_library.parameters import described
 from ground.models import Model
-from ground.poses import headings
+from ground.poses import angles
 from ground.support import files
 from ground.support.annotations import Document, Path
 
@@ -101,7 +101,7 @@ def _predicted(label: str, run: _core.RunData, found: comparison.Evaluation) -> 
     for piece in found.pieces:
         simulated[piece["index"]] = np.column_stack([piece["eta"], piece["nu"]])
     residual = measured - simulated
-    residual[:, 2] = headings.wrap(residual[:, 2])
+    residual[:, 2] = angles.wrap(residual[:, 2])
     numbers: Document = comparison.numbers([found])
     return {
         "model": label,
