@@ -149,7 +149,7 @@ class Sender : public Shell {
     NODELET_WARN("sender: %s", kBench);
   }
 
-  const GroundLink& link() const { return std::as_const(*gate_).link(); }
+  const GroundLink& link() const { return gate_->link(); }
 
   /// roscpp shuts down only on SIGINT; SIGTERM and SIGHUP would kill the process before its zeros.
   static void endTidilyOnSignals() {

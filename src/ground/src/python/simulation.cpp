@@ -176,10 +176,13 @@ void defParams(py::module_& module) {
       .def_readwrite("state_timeout", &LifecycleParams::state_timeout)
       .def_readwrite("recovery_time", &LifecycleParams::recovery_time)
       .def_readwrite("rate", &LifecycleParams::rate);
-  py::class_<DriveParams>(module, "DriveParams", "A controller and its life cycle.")
+  py::class_<GroundLinkParams> link(module, "GroundLinkParams", "When the sender gives up.");
+  defFields(link, GroundLinkParams::table());
+  py::class_<DriveParams>(module, "DriveParams", "A controller, its life cycle and the sender.")
       .def_readwrite("estimate", &DriveParams::estimate)
       .def_readwrite("estimator", &DriveParams::estimator)
       .def_readwrite("life", &DriveParams::life)
+      .def_readwrite("link", &DriveParams::link)
       .def_readwrite("start", &DriveParams::start)
       .def_readwrite("duration", &DriveParams::duration)
       .def_readwrite("tail", &DriveParams::tail)

@@ -207,7 +207,7 @@ class LivePilot : public Driver {
   }
 
   /// Tells the controller whether the sender is armed.
-  void report() { life_->sender({now_, now_}, gate_.armed(), std::as_const(gate_).link().reason()); }
+  void report() { life_->sender({now_, now_}, gate_.armed(), gate_.link().reason()); }
 
   DriveParams params_;
   VelocityEstimator estimator_;
