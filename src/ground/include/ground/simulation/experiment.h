@@ -15,6 +15,18 @@
 #include "ground/simulation/hazards.h"
 #include "ground/simulation/simulated_lab.h"
 
+// Experiments without ROS, in lockstep: craft, mocap, state estimator, controller and sender, with the
+// objects of a flight. The same arguments give the same log, bit by bit.
+//
+//     TrackingParams tracking;
+//     tracking.controller.kind = "ModelPredictive";
+//     tracking.room = loadRoom("cfg/room/room_4x4.yaml");
+//     const ExperimentLog log = trackReference(truth, believed, tracking, {});
+//     if (!log.stopped.empty()) std::cerr << log.stopped << "\n";
+//
+// Only ExperimentLog::sent reached the craft; `commands` is what the controller asked for. Controlled flights
+// may be chaotic: a different compiler or processor rounds differently, and paths part by millimetres.
+
 namespace ground {
 
 /// Craft and mocap of an experiment; its clock starts at 0 s.
