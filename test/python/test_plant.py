@@ -79,6 +79,10 @@ def test_a_room_bounds_the_plant():
     params.duration = 20.0
     plant = Slider((0, 0, 0))
     plant.pose_noise = lambda: np.zeros(3)
+    stopped = simulate(plant, params).stopped
+    assert "does not follow its commands" in stopped, "it does not move as the model"
+    plant.pose, params.link.obedience_timeout = np.zeros(3), 0.0
+    plant.now, plant.heard = 0.0, []
     run = simulate(plant, params)
     assert run.bursts >= 1
     assert 1 < run.truth_eta[-1, 0] < 2, "it cannot turn home, so it waits before the wall"

@@ -236,6 +236,9 @@ def test_the_controller_in_the_loop(tmp_path):
     delivered = {t for t, _ in found[POSE]}
     law = [t for t, m in found["/controls"] if m.left or m.right]
     assert set(law) <= delivered
+    # All that it commands leaves at once.
+    sent = [(t, m.left, m.right) for t, m in found["/sent"] if m.left or m.right]
+    assert sent == [(t, m.left, m.right) for t, m in found["/controls"] if m.left or m.right]
 
 
 def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
@@ -248,7 +251,8 @@ def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
     assert "the controller stopped: the state is stale" in result.stderr
     summary = json.loads(result.stdout)
     assert summary["stopped"] == "the state is stale" and summary["duration"] < 20
-    assert messages(out)["/controls"][-1][1].lift == 0
+    found = messages(out)
+    assert found["/controls"][-1][1].lift == found["/sent"][-1][1].lift == 0
 
 
 @pytest.mark.parametrize(

@@ -194,6 +194,73 @@ TEST(Experiment, TheTrackingControllerStopsWithoutAState) {
   EXPECT_TRUE(blind.frames.empty());
 }
 
+/// Pushes with twice the full thrust.
+TrackingParams tooMuch() {
+  TrackingParams tracking;
+  tracking.law = [](const auto&, const auto&, const auto&, double) { return Eigen::Vector2d(2, 2); };
+  tracking.max_error = INFINITY;
+  tracking.duration = 5;
+  return tracking;
+}
+
+double thrustOf(const ExperimentLog::Command& c) { return c.thrusters(0) + c.thrusters(1); }
+
+TEST(Experiment, WhatIsSentIsWithinTheLimits) {
+  const ExperimentLog log = trackReference(tinyWhoover(), tinyWhoover(), tooMuch(), {});
+  EXPECT_EQ(log.stopped, "");
+  EXPECT_EQ(log.decisions.back().wanted(0), 2);
+  double most = 0;
+  for (const auto& c : log.sent) most = std::max(most, thrustOf(c));
+  EXPECT_EQ(most, 2);
+}
+
+TEST(Experiment, TheSenderCutsTheThrustOfAControllerThatDrivesWithoutAState) {
+  TrackingParams tracking = tooMuch();
+  tracking.life.state_timeout = 2;
+  ExperimentParams params;
+  params.hazards.unseen = {3, 5};
+  const ExperimentLog log = trackReference(tinyWhoover(), tinyWhoover(), tracking, params);
+  EXPECT_EQ(log.stopped, "the sender is not armed: the state is stale");
+  const double cut = 3 + tracking.link.state_timeout, fault = cut + tracking.link.recovery_time;
+  EXPECT_NEAR(log.stopped_at, fault, 0.02);
+  for (const auto& c : log.commands) {
+    const bool driven = c.time > 2 && c.time < log.stopped_at;
+    EXPECT_TRUE(!driven || thrustOf(c) > 0) << c.time;
+  }
+  for (const auto& c : log.sent) {
+    const bool driven = c.time > 2 && c.time<cut - 0.02, late = c.time> cut + 0.01;
+    EXPECT_TRUE(!driven || thrustOf(c) > 0) << c.time;
+    EXPECT_TRUE(!late || thrustOf(c) == 0) << c.time;
+    EXPECT_TRUE(!late || c.lift == (c.time < log.stopped_at ? 1 : 0)) << c.time;
+  }
+}
+
+TEST(Experiment, TheSenderRefusesThrustWithoutLift) {
+  TrackingParams tracking = tooMuch();
+  tracking.life.lift = 0;
+  const ExperimentLog log = trackReference(tinyWhoover(), tinyWhoover(), tracking, {});
+  EXPECT_EQ(
+      log.stopped,
+      "the sender is not armed: commands are stale: a command of the controller is thrust without lift");
+  for (const auto& c : log.sent) EXPECT_EQ(thrustOf(c) + c.lift, 0) << c.time;
+  EXPECT_EQ(log.truth.back().state.eta, log.truth.front().state.eta);
+}
+
+TEST(Experiment, WhatIsSentIsWhatTheControllerCommandsWhileNothingFails) {
+  const ExperimentLog log = trackReference(mvwt(), mvwt(), mvwtCircle(), {});
+  const auto driven = [](std::vector<ExperimentLog::Command> all) {
+    all.erase(std::remove_if(all.begin(), all.end(), [](const auto& c) { return c.time < 2; }), all.end());
+    return all;
+  };
+  const auto sent = driven(log.sent), given = driven(log.commands);
+  ASSERT_EQ(sent.size(), given.size());
+  for (std::size_t i = 0; i < sent.size(); ++i) {
+    EXPECT_EQ(sent[i].time, given[i].time);
+    EXPECT_EQ(sent[i].lift, given[i].lift);
+    EXPECT_EQ(thrustOf(sent[i]), thrustOf(given[i]));
+  }
+}
+
 TEST(Experiment, RefusesNonsense) {
   const Model model = tinyWhoover();
   InputSequence schedule;

@@ -37,10 +37,6 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
   setCraft(model);
   for (const auto& [time, inputs] : given_)
     controller_->commanded(time, input_max_ * asVector(inputs.thrusters), inputs.lift);
-  obedience_.reset();
-  if (!expects_obedience_) return;
-  obedience_.emplace(model);
-  if (volts_) obedience_->voltage(*volts_);
 }
 
 void ReferencePilot::swapReference(ReferencePtr& reference) {
@@ -52,22 +48,18 @@ void ReferencePilot::voltage(double volts) {
   if (!isPlausibleVoltage(volts, nominal_volts_)) return;
   volts_ = volts;
   if (acceleration_) acceleration_->setVoltage(volts);
-  if (obedience_) obedience_->voltage(volts);
 }
 
 void ReferencePilot::commanded(double time, const Inputs& inputs) {
   drive_.command(time, inputs.lift);
   if (given_.size() == kGiven) given_.erase(given_.begin());
   given_.emplace_back(time, inputs);
-  const Thrusters<double> thrusters = input_max_ * asVector(inputs.thrusters);
-  if (controller_) controller_->commanded(time, thrusters, inputs.lift);
-  if (obedience_) obedience_->command(time, thrusters, inputs.lift);
+  if (controller_) controller_->commanded(time, input_max_ * asVector(inputs.thrusters), inputs.lift);
 }
 
 void ReferencePilot::activate(double) {
   reference_start_.reset();
   controller_->reset();
-  if (obedience_) obedience_->reset();
 }
 
 void ReferencePilot::observe(const MeasuredState& measured) {
@@ -83,11 +75,6 @@ std::string ReferencePilot::objection(const MeasuredState& measured) {
   if (!reference_start_) {
     reference_start_ = stamp;
     watch_.restart();
-  }
-  if (obedience_) {
-    obedience_->measure(stamp, measured.state, measured.nu_variance);
-    const std::string instead = obedience_->disobedience(kDisobedient);
-    if (!instead.empty()) return "the craft does not follow its commands: " + instead;
   }
   const double error = (controller_->position(measured.state) - at(stamp).p).norm();
   return watch_.look(std::max(0.0, stamp - *reference_start_), error);

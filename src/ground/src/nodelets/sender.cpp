@@ -24,7 +24,6 @@
 #include "ground/link/protocol.h"
 #include "ground/link/udp_socket.h"
 #include "ground/model/drive_clock.h"
-#include "ground/model/thrust_acceleration.h"
 #include "ground/nodelets/background.h"
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/inheriting_mutex.h"
@@ -34,9 +33,7 @@
 #include "ground/nodelets/real_time_threads.h"
 #include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
-#include "ground/safety/fence_guard.h"
-#include "ground/safety/ground_link.h"
-#include "ground/safety/obedience_watch.h"
+#include "ground/safety/sender_gate.h"
 
 namespace ground {
 
@@ -86,12 +83,11 @@ class Sender : public Shell {
     if (real_time_) callbacks_.prioritise(RealTimePriority::kSend);
     auto_arm_ = optionalParameter<bool>(nh, "auto_arm", false);
     const auto model_file = optionalParameter<std::string>(nh, "model", "");
+    std::optional<Model> model;
     if (!model_file.empty()) {
-      const Model model = loadModelAndWarn(model_file);
-      obedience_ = std::make_unique<ObedienceWatch>(model);
-      acceleration_.emplace(model);
-      layout_ = model.thrusters;
-      craft_ = model.name;
+      model = loadModelAndWarn(model_file);
+      layout_ = model->thrusters;
+      craft_ = model->name;
     }
     own_stop_ = optionalParameter<std::string>(nh, "own_stop", "");
     if (!own_stop_.empty() && model_file.empty())
@@ -103,8 +99,9 @@ class Sender : public Shell {
     if (!room.empty() && model_file.empty())
       NODELET_WARN("sender: no model, so the fence does not know how fast thrust takes the craft to a wall");
     remark_ = armingRemark();
-    if (!room.empty()) guard_.setFence(Fence(loadRoom(room), 0));
     openLink(nh);
+    if (model) gate_->setCraft(*model);
+    if (!room.empty()) gate_->setFence(Fence(loadRoom(room), 0));
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
@@ -134,7 +131,7 @@ class Sender : public Shell {
     if (!peer_text.empty() && !peer.known())
       throw std::runtime_error("peer '" + peer_text + "' is not the address of a craft");
     socket_ = std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
-    link_ = std::make_unique<GroundLink>(
+    gate_ = std::make_unique<SenderGate>(
         GroundLinkParams(), peer,
         [this](const MotorCommand& command, const UdpAddress& to) {
           if (!socket_->send(encodeMotors(command, *layout_), to)) return std::string(std::strerror(errno));
@@ -149,9 +146,10 @@ class Sender : public Shell {
     if (!room.empty()) throw std::runtime_error("a bench has no room: leave out parameter room or bench");
     if (auto_arm_)
       throw std::runtime_error("arm a craft on a bench by hand: leave out parameter auto_arm or bench");
-    obedience_ = nullptr;  // a fastened craft does not follow its commands
     NODELET_WARN("sender: %s", kBench);
   }
+
+  const GroundLink& link() const { return gate_->link(); }
 
   /// roscpp shuts down only on SIGINT; SIGTERM and SIGHUP would kill the process before its zeros.
   static void endTidilyOnSignals() {
@@ -168,52 +166,32 @@ class Sender : public Shell {
     params.require_state = !bench_;
     params.require_lift = params.require_lift && !bench_;
     const std::lock_guard lock(mutex_);
-    link_->setParams(params);
-    if (obedience_) obedience_->setTimeout(params.obedience_timeout);
+    gate_->setParams(params);
   }
 
-  /// Age of a message by its stamp [s]; negative for a stamp in the future.
-  static double age(const std_msgs::Header& header) { return secondsBetween(header.stamp, ros::Time::now()); }
+  static Instant now() { return {steadyNow(), ros::Time::now().toSec()}; }
 
   void onControls(const ros::MessageEvent<ground_msgs::Controls const>& event) {
     const ground_msgs::Controls& controls = *event.getMessage();
     const std::lock_guard lock(mutex_);
-    confine();  // before thrust is sent
     const std::string other = misfit(controls, *layout_);
     if (other.empty())
-      link_->command(steadyNow(), age(controls.header), event.getPublisherName(), readInputs(controls));
+      gate_->command(now(), controls.header.stamp.toSec(), event.getPublisherName(), readInputs(controls));
     else
-      link_->refuseCommand(steadyNow(), event.getPublisherName(), other);
+      gate_->link(now()).refuseCommand(steadyNow(), event.getPublisherName(), other);
     noteLift();
     collect();
   }
 
   void onState(const ground_msgs::State::ConstPtr& state) {
     const std::lock_guard lock(mutex_);
-    const MeasuredState measured = measuredState(*state, state->header.stamp.toSec());
-    const bool finite = measured.finite(), valid = measured.valid && finite;
-    link_->state(steadyNow(), age(state->header), valid,
-                 measured.valid && !finite ? "the state is not finite" : measured.problem);
-    guard_.state(measured);
-    confine();
-    if (valid) watchMotion(measured);
+    gate_->state(now(), measuredState(*state, state->header.stamp.toSec()));
     collect();
   }
 
-  /// Checks that the craft stays in the room. mutex_ is held.
-  void confine() { link_->confine(steadyNow(), guard_.objection(ros::Time::now().toSec())); }
-
-  /// Checks whether the craft follows its commands. mutex_ is held.
-  void watchMotion(const MeasuredState& measured) {
-    if (!obedience_) return;
-    const std::string instead = obedience_->measured(measured.stamp, measured.state, measured.nu_variance);
-    if (!instead.empty()) link_->disobeyed(steadyNow(), instead);
-  }
-
-  /// Stores a command that was sent, for the fence, and publishes it. mutex_ is held.
+  /// Publishes a command that was sent. mutex_ is held.
   void onSent(const MotorCommand& command) {
     const ros::Time now = ros::Time::now();
-    guard_.sent(now.toSec(), acceleration_ ? (*acceleration_)(command) : Vector2<double>(0, 0));
     const double steady = steadyNow();
     if (now.isZero() || (command == published_ && steady < next_sent_)) return;
     published_ = command;
@@ -223,12 +201,6 @@ class Sender : public Shell {
     const double lift = std::clamp(command.lift, 0.0, 1.0);
     writeInputs({layout_->clipped(command.thrusters), lift}, *layout_, *message);
     background_.add([this, message] { sent_publisher_.publish(message); });
-  }
-
-  /// Stores what is sent, for watchMotion(). mutex_ is held.
-  void noteSent() {
-    if (!obedience_) return;
-    obedience_->sent(ros::Time::now().toSec(), link_->current() == GroundLink::State::kArmed, link_->sent());
   }
 
   /// Remark at arming about a bench and the craft's own stop; reads a file.
@@ -244,12 +216,12 @@ class Sender : public Shell {
     remark_ = remark;
     auto_arm_ = false;
     if (request.data) {
-      const std::string problem = link_->arm(steadyNow(), remark_);
+      const std::string problem = gate_->link(now()).arm(steadyNow(), remark_);
       response.success = problem.empty();
       response.message = problem.empty() ? "armed" : "not armed: " + problem;
       if (problem.empty() && !remark_.empty()) response.message += "; " + remark_;
     } else {
-      link_->disarm(steadyNow(), "disarmed by hand");
+      gate_->link(now()).disarm(steadyNow(), "disarmed by hand");
       response.success = true;
       response.message = "disarmed";
     }
@@ -259,8 +231,7 @@ class Sender : public Shell {
 
   bool onSilence(ground_msgs::Silence::Request& request, ground_msgs::Silence::Response& response) {
     const std::lock_guard lock(mutex_);
-    confine();  // a last command is sent
-    response.message = link_->silence(steadyNow(), request.duration);
+    response.message = gate_->silence(now(), request.duration);
     response.success = response.message.empty();
     if (response.success) response.last_packet = ros::Time::now();
     collect();
@@ -277,41 +248,38 @@ class Sender : public Shell {
     while (running_ && !ros::isShuttingDown() && ros::ok()) {
       const bool came = socket_->receive(wait, data, from);
       const std::lock_guard lock(mutex_);
-      const double now = steadyNow();
+      const Instant at = now();
       const std::string jump = time_watch_.look();
-      if (!jump.empty()) {
-        guard_.reset();
-        link_->timeJumped(now, jump);
-      }
+      if (!jump.empty()) gate_->timeJumped(at, jump);
+      GroundLink& link = gate_->link(at);
       if (came) {
         CraftTelemetry telemetry;
         const bool understood = decodeTelemetry(data, telemetry);
-        if (link_->datagram(now, understood ? std::make_optional(telemetry) : std::nullopt, from))
+        if (link.datagram(at.steady, understood ? std::make_optional(telemetry) : std::nullopt, from))
           report(telemetry);
       }
-      if (link_->current() == GroundLink::State::kArmed) confine();  // the craft moves on unseen
-      link_->tick(now);
-      if (auto_arm_ && link_->arm(now, remark_).empty()) auto_arm_ = false;
-      wait = std::clamp(link_->nextPacket() - now, 0.0, kTick);
+      gate_->tick(at);
+      if (auto_arm_ && link.arm(at.steady, remark_).empty()) auto_arm_ = false;
+      wait = std::clamp(link.nextPacket() - at.steady, 0.0, kTick);
       collect();
-      if (now >= next_status_) reportStatus();
+      if (at.steady >= next_status_) reportStatus();
     }
     for (int i = 0; i < kFinalZeros; ++i) {
       {
         const std::lock_guard lock(mutex_);
         auto_arm_ = false;
-        if (i == 0) link_->stop(steadyNow(), "the sender ends");
-        link_->sendZero(steadyNow());
+        GroundLink& link = gate_->link(now());
+        if (i == 0) link.stop(steadyNow(), "the sender ends");
+        link.sendZero(steadyNow());
         collect();
       }
       std::this_thread::sleep_for(std::chrono::duration<double>(kFinalPeriod));
     }
   }
 
-  /// Stores the last command sent, and queues the status if it has changed. mutex_ is held.
+  /// Queues the status if it has changed. mutex_ is held.
   void collect() {
-    noteSent();
-    if (link_->revision() == collected_) return;
+    if (link().revision() == collected_) return;
     noteLift();
     reportStatus();
   }
@@ -321,7 +289,7 @@ class Sender : public Shell {
     const ros::Time now = ros::Time::now();
     if (now.isZero()) return;  // a simulated clock has not started
     if (epoch_.isZero()) epoch_ = now;
-    if (drive_.command(secondsBetween(epoch_, now), link_->lift())) reportDrive();
+    if (drive_.command(secondsBetween(epoch_, now), link().lift())) reportDrive();
   }
 
   /// Publishes the start of the newest drive, if there is one. mutex_ is held.
@@ -336,10 +304,7 @@ class Sender : public Shell {
 
   /// Publishes what the craft has measured. mutex_ is held.
   void report(const CraftTelemetry& t) {
-    if (t.voltage && std::isfinite(*t.voltage) && *t.voltage > 0) {
-      if (obedience_) obedience_->voltage(*t.voltage);
-      if (acceleration_) acceleration_->setVoltage(*t.voltage);
-    }
+    if (t.voltage && std::isfinite(*t.voltage) && *t.voltage > 0) gate_->voltage(*t.voltage);
     auto message = boost::make_shared<Telemetry>();
     message->header.stamp = ros::Time::now();
     message->voltage = t.voltage.value_or(0);
@@ -354,22 +319,22 @@ class Sender : public Shell {
 
   /// Publishes and logs the status. mutex_ is held.
   void reportStatus() {
-    collected_ = link_->revision();
+    collected_ = link().revision();
     next_status_ = steadyNow() + kStatusPeriod;
     reportDrive();
     auto message = boost::make_shared<Status>();
     message->header.stamp = ros::Time::now();
-    message->state = static_cast<std::uint8_t>(link_->current());
-    message->reason = link_->reason();
-    if (link_->peer().port != 0) message->peer = link_->peer().text();
-    const GroundLink::Counters& counters = link_->counters();
+    message->state = static_cast<std::uint8_t>(link().current());
+    message->reason = link().reason();
+    if (link().peer().port != 0) message->peer = link().peer().text();
+    const GroundLink::Counters& counters = link().counters();
     message->sent = counters.sent;
     message->received = counters.received;
     message->malformed = counters.malformed;
     message->foreign = counters.foreign;
     message->refused = counters.refused;
     background_.add(
-        [this, message, refusal = link_->refusal(), problem = link_->sendProblem(), remark = remark_] {
+        [this, message, refusal = link().refusal(), problem = link().sendProblem(), remark = remark_] {
           log(*message, refusal, remark);
           status_publisher_.publish(message);
           if (!problem.empty())
@@ -394,13 +359,10 @@ class Sender : public Shell {
   CallbackThread arm_callbacks_;
   InheritingMutex mutex_;  ///< guards all members down to next_status_
   std::unique_ptr<UdpSocket> socket_;
-  std::unique_ptr<GroundLink> link_;
-  FenceGuard guard_;
-  std::optional<ThrustAcceleration> acceleration_;  ///< no value without a model
-  std::unique_ptr<ObedienceWatch> obedience_;       ///< null without a model
-  ThrusterLayoutPtr layout_ = thrusterPair();       ///< constant after start()
-  bool bench_ = false;                              ///< no state is needed; constant after start()
-  bool real_time_ = false;                          ///< constant after start()
+  std::unique_ptr<SenderGate> gate_;
+  ThrusterLayoutPtr layout_ = thrusterPair();  ///< constant after start()
+  bool bench_ = false;                         ///< no state is needed; constant after start()
+  bool real_time_ = false;                     ///< constant after start()
   std::string remark_;  ///< remark of the last arming about bench and own stop; may be empty
   bool auto_arm_ = false;
   std::uint64_t collected_ = 0;  ///< revision of the link in the newest status

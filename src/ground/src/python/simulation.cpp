@@ -18,9 +18,10 @@ py::dict toDict(const ExperimentLog& log) {
     return (Eigen::RowVectorXd(5) << f.captured, f.delivered, f.eta.transpose()).finished();
   });
   const int thrusters = log.commands.empty() ? 2 : log.commands.front().thrusters.size();
-  const auto commands = toRows(log.commands, 2 + thrusters, [](const ExperimentLog::Command& c) {
-    return inputRow(c.time, c.thrusters, c.lift);
-  });
+  const auto rows = [&](const std::vector<ExperimentLog::Command>& commands) {
+    return toRows(commands, 2 + thrusters,
+                  [](const ExperimentLog::Command& c) { return inputRow(c.time, c.thrusters, c.lift); });
+  };
   const auto truth = toRows(log.truth, 14, [](const ExperimentLog::Truth& t) {
     return (Eigen::RowVectorXd(14) << t.time, t.state.eta.transpose(), t.state.nu.transpose(),
             t.nu_dot.transpose(), t.wrench.transpose(), t.voltage)
@@ -42,9 +43,10 @@ py::dict toDict(const ExperimentLog& log) {
   py::list stages;
   for (const ExperimentLog::Stage& stage : log.stages)
     stages.append(py::make_tuple(stage.time, nameOf(stage.state), stage.reason));
-  return py::dict("frames"_a = frames, "commands"_a = commands, "truth"_a = truth,
-                  "references"_a = references, "decisions"_a = decisions, "marks"_a = marks,
-                  "stages"_a = stages, "stopped"_a = log.stopped, "stopped_at"_a = log.stopped_at);
+  return py::dict("frames"_a = frames, "commands"_a = rows(log.commands), "sent"_a = rows(log.sent),
+                  "truth"_a = truth, "references"_a = references, "decisions"_a = decisions,
+                  "marks"_a = marks, "stages"_a = stages, "stopped"_a = log.stopped,
+                  "stopped_at"_a = log.stopped_at);
 }
 
 /// A craft whose motion is written in Python.
@@ -174,10 +176,13 @@ void defParams(py::module_& module) {
       .def_readwrite("state_timeout", &LifecycleParams::state_timeout)
       .def_readwrite("recovery_time", &LifecycleParams::recovery_time)
       .def_readwrite("rate", &LifecycleParams::rate);
-  py::class_<DriveParams>(module, "DriveParams", "A controller and its life cycle.")
+  py::class_<GroundLinkParams> link(module, "GroundLinkParams", "When the sender gives up.");
+  defFields(link, GroundLinkParams::table());
+  py::class_<DriveParams>(module, "DriveParams", "A controller, its life cycle and the sender.")
       .def_readwrite("estimate", &DriveParams::estimate)
       .def_readwrite("estimator", &DriveParams::estimator)
       .def_readwrite("life", &DriveParams::life)
+      .def_readwrite("link", &DriveParams::link)
       .def_readwrite("start", &DriveParams::start)
       .def_readwrite("duration", &DriveParams::duration)
       .def_readwrite("tail", &DriveParams::tail)
@@ -238,7 +243,8 @@ void defExperiments(py::module_& module) {
       "its charge. plant: the craft; then eta, nu, disturbance and battery are not used, and the model "
       "gives the thrusters. By default the model moves the craft.");
   defExperiment(module, "track_reference", "tracking", &trackReference,
-                "Like play_schedule with a controller in the loop. Also returns references (time, "
+                "Like play_schedule with a controller and the sender in the loop. Also returns sent (as "
+                "commands: what has left for the craft), references (time, "
                 "p, p_dot, p_ddot, p_dddot), decisions (time, stamp of the state, CPU time, fractions of "
                 "the largest input, the same before saturation), stages (time, state, reason), "
                 "stopped (why it stopped early; empty if it did not) and stopped_at. hazards: what goes "

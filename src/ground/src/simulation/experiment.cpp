@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "ground/estimation/velocity_estimator.h"
+#include "ground/safety/sender_gate.h"
 #include "ground/simulation/simulated_imu.h"
 
 namespace ground {
@@ -18,6 +19,7 @@ namespace {
 using Command = ExperimentLog::Command;
 
 constexpr double kPatience = 10.0;  // longest wait for a first valid state [s]
+const UdpAddress kCraft{1, 1};      // any
 
 /// Source of the craft's commands.
 class Driver {
@@ -31,7 +33,7 @@ class Driver {
   virtual void mount(const InertialMounting& /*mounting*/) {}
   /// Called when the craft reports the voltage of its battery [V].
   virtual void voltage(double /*volts*/) {}
-  /// The commands to issue at `now`; called after every event.
+  /// The commands that leave for the craft at `now`; called after every event.
   virtual std::vector<Command> act(double now) = 0;
   /// Time of the next act() if there is no frame before, not earlier than the last act() [s].
   virtual double wakesAt() const = 0;
@@ -41,7 +43,8 @@ class Driver {
 
 class Player : public Driver {
  public:
-  Player(const InputSequence& schedule, double duration) : schedule_(schedule), duration_(duration) {
+  Player(const InputSequence& schedule, double duration, ExperimentLog& log)
+      : schedule_(schedule), duration_(duration), log_(log) {
     due_ = schedule_.times.empty() ? duration : std::max(0.0, schedule_.times.front());
   }
 
@@ -50,7 +53,8 @@ class Player : public Driver {
     while (next_ < schedule_.size() && schedule_.times[next_] <= now) ++next_;
     due_ = now + ControllerLifecycle::kKeepalive;
     if (next_ < schedule_.size()) due_ = std::min(due_, schedule_.times[next_]);
-    return {{now, schedule_.thrusters[next_ - 1], schedule_.lift[next_ - 1]}};
+    log_.commands.push_back({now, schedule_.thrusters[next_ - 1], schedule_.lift[next_ - 1]});
+    return {log_.commands.back()};
   }
   double wakesAt() const override { return due_; }
   double end() const override { return duration_; }
@@ -58,16 +62,27 @@ class Player : public Driver {
  private:
   const InputSequence& schedule_;
   double duration_;
+  ExperimentLog& log_;
   double due_;
   std::size_t next_ = 0;  ///< first command that has not been issued
 };
 
-/// A pilot with life cycle and state estimator, like the nodelets MocapState and Controller.
+/// A pilot with state estimator, life cycle and sender, like the nodelets MocapState, Controller and Sender.
 class LivePilot : public Driver {
  public:
-  LivePilot(const DriveParams& params, const Hazards& hazards, ExperimentLog& log)
-      : params_(params), estimator_(params.estimator), upright_time_(hazards.upright_time), log_(log) {
+  LivePilot(const DriveParams& params, const Hazards& hazards, const Model& believed, ExperimentLog& log)
+      : params_(params),
+        estimator_(params.estimator),
+        upright_time_(hazards.upright_time),
+        log_(log),
+        layout_(believed.thrusters),
+        gate_(
+            params.link, kCraft,
+            [this](const MotorCommand& command, const UdpAddress&) { return leave(command); },
+            believed.thrusters) {
     if (hazards.confused()) confused_.emplace(hazards);
+    gate_.setCraft(believed);
+    if (params.room) gate_.setFence(Fence(*params.room, 0));
   }
 
   /// Sets the pilot, which must outlive it.
@@ -104,7 +119,11 @@ class LivePilot : public Driver {
       measured.pose = poseMeasurement(truth->measured.eta, params_.estimator.position_noise,
                                       params_.estimator.heading_noise);
     }
+    seen_.received({now, now}, measured.stamp, measured.valid && measured.finite(), measured.problem);
+    gate_.state({now, now}, measured);
+    arm();
     life_->state({now, now}, measured);
+    report();
   }
 
   void feel(double now, const ImuSample& sample) override {
@@ -114,6 +133,7 @@ class LivePilot : public Driver {
   void mount(const InertialMounting& mounting) override { estimator_.inertial().setMounting(mounting); }
 
   void voltage(double volts) override {
+    gate_.voltage(volts);
     life_->attempt([&] { pilot_->voltage(volts); });
   }
 
@@ -124,12 +144,19 @@ class LivePilot : public Driver {
     if (life_->current() == Stage::kWaiting && now >= params_.start + kPatience)
       life_->stop(instant, "there was no valid state to start with");
     life_->tick(instant);
+    gate_.tick(instant);
+    if (arm())
+      life_->tick(instant);
+    else if (life_->current() == Stage::kWaiting &&
+             seen_.problem(instant, params_.link.state_timeout).empty())
+      life_->stop(instant, "the sender cannot be armed: " + unarmed_);
+    report();
     if (!std::isfinite(end_) && (life_->current() == Stage::kDone || life_->current() == Stage::kStopped)) {
       log_.stopped = life_->current() == Stage::kStopped ? life_->reason() : "";
       log_.stopped_at = now;
       end_ = now + params_.tail;
     }
-    return std::exchange(commands_, {});
+    return std::exchange(packets_, {});
   }
 
   double wakesAt() const override {
@@ -156,10 +183,31 @@ class LivePilot : public Driver {
     return estimate;
   }
 
+  /// The controller gives a command.
   void send(const Inputs& inputs) {
-    commands_.push_back({now_, inputs.thrusters, inputs.lift});
+    log_.commands.push_back({now_, inputs.thrusters, inputs.lift});
     life_->attempt([&] { pilot_->commanded(now_, inputs); });
+    gate_.command({now_, now_}, now_, "the controller", inputs);
   }
+
+  /// A command leaves for the craft.
+  std::string leave(const MotorCommand& command) {
+    packets_.push_back({now_, layout_->clipped(command.thrusters), std::clamp(command.lift, 0.0, 1.0)});
+    log_.sent.push_back(packets_.back());
+    return "";
+  }
+
+  /// Arms once, as soon as it is possible after the start; returns whether it has just been.
+  bool arm() {
+    if (armed_ || life_->current() == Stage::kIdle) return false;
+    unarmed_ = gate_.link({now_, now_}).arm(now_);
+    armed_ = unarmed_.empty();
+    report();
+    return armed_;
+  }
+
+  /// Tells the controller whether the sender is armed.
+  void report() { life_->sender({now_, now_}, gate_.armed(), gate_.link().reason()); }
 
   DriveParams params_;
   VelocityEstimator estimator_;
@@ -167,10 +215,15 @@ class LivePilot : public Driver {
   double upright_time_;                                       ///< [s]
   double leaned_ = -std::numeric_limits<double>::infinity();  ///< when the craft last seemed to lean [s]
   ExperimentLog& log_;
+  ThrusterLayoutPtr layout_;
   Pilot* pilot_ = nullptr;
   std::unique_ptr<ControllerLifecycle> life_;
-  double now_ = 0;                 ///< [s]
-  std::vector<Command> commands_;  ///< commands that act() has not yet returned
+  double now_ = 0;  ///< [s]
+  SenderGate gate_;
+  StateLoss seen_;
+  bool armed_ = false;            ///< it has been armed
+  std::string unarmed_;           ///< why it could not be
+  std::vector<Command> packets_;  ///< commands that act() has not yet returned
   double end_ = std::numeric_limits<double>::infinity();
 };
 
@@ -263,10 +316,8 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
       driver.see(now, frame);
     }
     if (now >= driver.end()) return;
-    for (const Command& command : driver.act(now)) {
+    for (const Command& command : driver.act(now))
       if (!hazards.unheard.covers(now)) room.command(input_max * asVector(command.thrusters), command.lift);
-      log.commands.push_back(command);
-    }
   }
 }
 
@@ -282,7 +333,7 @@ std::string DriveParams::validate() const {
   if (!(duration > 0) || !std::isfinite(duration)) return "duration must be positive";
   if (!within(tail, 0, 3600)) return "tail must be between 0 and 3600 s";
   for (const std::string& wrong :
-       {life.validate(), estimator.validate(), room ? room->validate() : std::string()})
+       {life.validate(), link.validate(), estimator.validate(), room ? room->validate() : std::string()})
     if (!wrong.empty()) return wrong;
   return "";
 }
@@ -300,7 +351,7 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
       throw std::invalid_argument("the lift must be between 0 and 1");
   }
   ExperimentLog log;
-  Player player(schedule, duration);
+  Player player(schedule, duration, log);
   run(model, player, params, log);
   return log;
 }
@@ -312,7 +363,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
   require(tracking.max_error >= 0 ? "" : "max_error must not be negative");
   Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
-  LivePilot live(tracking, params.hazards, log);
+  LivePilot live(tracking, params.hazards, believed, log);
   ReferencePilot pilot([&live] { return live.now(); },
                        [&log](const ReferencePilot::Decision& made) {
                          log.decisions.push_back(made);
@@ -329,7 +380,6 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
   ReferencePtr reference = makeReference(tracking.reference);
   pilot.setMaxError(tracking.max_error > 0 ? tracking.max_error : defaultMaxError(*reference));
   pilot.setDuration(tracking.duration);
-  pilot.expectObedience();
   pilot.swapController(controller, believed);
   pilot.swapReference(reference);
   live.take(pilot);
@@ -343,7 +393,7 @@ ExperimentLog excite(const Model& model, const Model& believed, const Excitation
   require(params.hazards.validate());
   Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
-  LivePilot live(excitation, params.hazards, log);
+  LivePilot live(excitation, params.hazards, believed, log);
   ExcitationPilot pilot([&live] { return live.now(); },
                         [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); },
                         [&log](const ReferencePilot::Decision& made) { log.decisions.push_back(made); });

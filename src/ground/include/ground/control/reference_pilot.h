@@ -13,14 +13,12 @@
 #include "ground/model/drive_clock.h"
 #include "ground/model/thrust_acceleration.h"
 #include "ground/safety/controller_lifecycle.h"
-#include "ground/safety/obedience_monitor.h"
 #include "ground/safety/room.h"
 
 namespace ground {
 
 /// Follows a reference with a TrackingController. Stops if the craft does not follow it
-/// (TrackingWatch) or, optionally, does not follow its commands (ObedienceMonitor). The reference
-/// begins with the first state. Settings take effect with the next state.
+/// (TrackingWatch). The reference begins with the first state. Settings take effect with the next state.
 class ReferencePilot : public Pilot {
  public:
   struct Decision {
@@ -30,7 +28,6 @@ class ReferencePilot : public Pilot {
     Thrusters<double> wanted;  ///< inputs before they were limited
     double computing;          ///< CPU time [s]
   };
-  static constexpr double kDisobedient = 1.0;  ///< shortest period for ObedienceMonitor [s]
   /// Returns the time on the clock of stamps [s].
   using Clock = std::function<double()>;
   using Decided = std::function<void(const Decision&)>;
@@ -49,9 +46,6 @@ class ReferencePilot : public Pilot {
   void setMaxError(double max_error) { watch_.setMaxError(max_error); }
   /// How long it follows the reference [s].
   void setDuration(double duration) { duration_ = duration; }
-  /// Stops if the craft does not follow its commands. For simulations; on the floor the sender
-  /// monitors this. Takes effect with the next controller.
-  void expectObedience() { expects_obedience_ = true; }
   TrackingController* controller() const { return controller_.get(); }
 
   const ThrusterLayout& layout() const override { return *thrusters_; }
@@ -86,8 +80,6 @@ class ReferencePilot : public Pilot {
   ReferencePtr reference_;
   std::optional<double> reference_start_;  ///< time of the first state with this reference [s]
   TrackingWatch watch_;
-  bool expects_obedience_ = false;
-  std::optional<ObedienceMonitor> obedience_;
   DriveClock drive_;
   PoseMeasurement pose_;  ///< of the last state
   double lift_ = 1;       ///< of the last command

@@ -16,7 +16,12 @@ struct ReferencePoint {
   Vector2<double> p = {0, 0}, p_dot = {0, 0}, p_ddot = {0, 0}, p_dddot = {0, 0};
 };
 
-/// A path over time.
+/// A path over time that a craft shall follow, with its first three derivatives, which controllers use.
+///
+///     const ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.4);
+///     const Vector2<double> where = circle->at(2.5).p;
+///
+/// A path need not be one that a craft can follow, nor inside a room: see infeasibility() and leavesRoom().
 class ReferenceTrajectory {
  public:
   using At = std::function<ReferencePoint(double t)>;

@@ -24,6 +24,14 @@ struct Observation {
 };
 
 /// Computes inputs from states to follow a reference. One thread at a time.
+///
+///     class Forward : public TrackingController {
+///       Thrusters<double> decide(const Observation&) override { return wanted(); }
+///       Thrusters<double> wanted() const override { return {0.1, 0.1}; }
+///     };
+///
+/// The state is as old as the mocap's latency, and the inputs act later still. docs/architecture.md says how
+/// to add a kind of controller. Nothing here stops a craft: ControllerLifecycle and the sender do.
 class TrackingController {
  public:
   virtual ~TrackingController() = default;

@@ -124,6 +124,15 @@ struct Forecast {
 /// filter gains, which depend on the parameters only through the linearisation. Levels move by
 /// exact Fisher scoring. The two alternate, because their joint information is zero. After a gap
 /// the filter restarts the motion and keeps b and s.
+///
+///     const GreyBox box({run}, model.body);
+///     GreyBoxOptions options;
+///     options.free = {"k", "I_z"};
+///     const GreyBoxFit fit = box.fit(box.start(model), options);
+///     const std::vector<FittedParameter> found = box.intervals(fit, options);
+///
+/// Likelihoods of two fits compare only with the same runs, noise of poses and cap. Begin at start(): from
+/// low levels the search may not come back.
 class GreyBox {
  public:
   /// The priors of the levels are relative to the craft's full thrust. Throws std::invalid_argument

@@ -72,7 +72,11 @@ enum class Target {
 
 /// The difference between simulation and measurement over windows of runs (thesis 3.3). The initial
 /// velocity of each window is free. Its initial pose is the measured one, or free if poses are the
-/// target.
+/// target. See identification.h for an example.
+///
+/// The error of long windows has many local minima, and random disturbances add up in them; short windows say
+/// little about slow effects. RunScales::window is a good length. Free parameters that the runs do not
+/// identify keep the model's values, and are marked.
 class SimulationError {
  public:
   /// Throws std::invalid_argument if there is no window, the craft does not move in a run, or

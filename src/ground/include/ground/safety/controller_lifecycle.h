@@ -72,6 +72,15 @@ class Pilot {
 /// Life cycle of a controller: decides when it may drive, and what is sent otherwise. Nodelets and
 /// simulated experiments use the same class. It reads no clock; the caller serialises the calls.
 ///
+///     ControllerLifecycle life(pilot, send, changed);
+///     life.setFence(Fence(room, room.margin));
+///     life.start(now);
+///     life.state(now, measured);  // every state
+///     life.tick(now);             // not later than due(), also while no states come
+///
+/// It sends zeros before it is started, too, so that a sender can be armed. It trusts nobody else to stop the
+/// craft, and nobody should trust it alone: the sender has a fence of its own.
+///
 /// States: IDLE, WAITING (for a valid state and an armed sender), LIFTING, RUNNING, then DONE or
 /// STOPPED. RUNNING changes to RECOVERING while the state is lost; LIFTING needs no state.
 /// Thrust is sent only in RUNNING, lift in LIFTING, RUNNING and RECOVERING.

@@ -56,6 +56,7 @@ class GroundLink {
 
   /// Throws std::invalid_argument, and keeps the old parameters, if the new ones are bad.
   void setParams(const GroundLinkParams& params);
+  const GroundLinkParams& params() const { return params_; }
 
   /// Call with every received datagram; `telemetry`: what it contains, no value if it cannot be read. Returns
   /// whether it is telemetry of the craft.

@@ -11,8 +11,21 @@
 #include "ground/control/reference_trajectory.h"
 #include "ground/estimation/motion_filter.h"
 #include "ground/safety/controller_lifecycle.h"
+#include "ground/safety/ground_link.h"
 #include "ground/simulation/hazards.h"
 #include "ground/simulation/simulated_lab.h"
+
+// Experiments without ROS, in lockstep: craft, mocap, state estimator, controller and sender, with the
+// objects of a flight. The same arguments give the same log, bit by bit.
+//
+//     TrackingParams tracking;
+//     tracking.controller.kind = "ModelPredictive";
+//     tracking.room = loadRoom("cfg/room/room_4x4.yaml");
+//     const ExperimentLog log = trackReference(truth, believed, tracking, {});
+//     if (!log.stopped.empty()) std::cerr << log.stopped << "\n";
+//
+// Only ExperimentLog::sent reached the craft; `commands` is what the controller asked for. Controlled flights
+// may be chaotic: a different compiler or processor rounds differently, and paths part by millimetres.
 
 namespace ground {
 
@@ -32,18 +45,20 @@ struct ExperimentParams {
   Hazards hazards = {};  ///< its push and braking do not act on a given craft
 };
 
-/// A controller as in the nodelets, with states estimated from the delivered frames.
+/// A controller and the sender as in the nodelets, with states estimated from the delivered frames. The
+/// sender is armed as soon as it can be after the start, and knows the controller's internal model and room.
 struct DriveParams {
-  DriveParams() { life.require_armed = false; }
+  DriveParams() { link.recovery_time = 0.5; }  // as in the launch files
 
   EstimatorParams estimator;
   /// Otherwise states are exact measurements at the frames' captures; the estimator's noise is still stated.
   bool estimate = true;
-  LifecycleParams life;      ///< no sender has to be armed
+  LifecycleParams life;
+  GroundLinkParams link;     ///< of the sender
   double start = 0.5;        ///< start of the controller; the lift waits for a valid state [s]
   double duration = 20.0;    ///< duration of driving [s]
   double tail = 0.5;         ///< recording time after the end [s]
-  std::optional<Room> room;  ///< room of the fence
+  std::optional<Room> room;  ///< room of both fences
 
   std::string validate() const;  ///< error message; empty if all values are valid
 };
@@ -71,7 +86,7 @@ struct ExcitationParams : DriveParams {
 /// The recording of an experiment, and its true motion.
 struct ExperimentLog {
   struct Command {
-    double time;                  ///< time at which it is issued and received [s]
+    double time;                  ///< time at which it is issued, sent and received [s]
     Thrusters<double> thrusters;  ///< fractions of the largest input
     double lift;                  ///< 0..1
   };
@@ -93,10 +108,11 @@ struct ExperimentLog {
     ReferencePoint point;
   };
 
-  std::vector<MocapFrame> frames;  ///< in the order of delivery; psi in (-pi, pi]
-  std::vector<Command> commands;
-  std::vector<Truth> truth;                         ///< at every frame's capture, including lost frames
-  std::vector<Reference> references;                ///< only when tracking
+  std::vector<MocapFrame> frames;     ///< in the order of delivery; psi in (-pi, pi]
+  std::vector<Command> commands;      ///< those of the controller, or of the schedule
+  std::vector<Command> sent;          ///< what has left for the craft; empty if there is no sender
+  std::vector<Truth> truth;           ///< at every frame's capture, including lost frames
+  std::vector<Reference> references;  ///< only when tracking
   std::vector<ReferencePilot::Decision> decisions;  ///< only when tracking or returning home
   std::vector<Stage> stages;                 ///< states of the controller's life cycle, if there is one
   std::vector<ExcitationPilot::Mark> marks;  ///< bursts and returns of an excitation
@@ -105,14 +121,15 @@ struct ExperimentLog {
 };
 
 /// Plays commands for `duration` [s], repeated every 20 ms as by the open-loop controller. Inputs
-/// of `schedule` are 0..1. Runs in lockstep: the same arguments give the same log, bit by bit.
-/// Throws std::invalid_argument on bad parameters, std::runtime_error if the state becomes not
-/// finite.
+/// of `schedule` are 0..1. There is no sender: each command reaches the craft. Runs in lockstep: the same
+/// arguments give the same log, bit by bit. Throws std::invalid_argument on bad parameters,
+/// std::runtime_error if the state becomes not finite.
 ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, double duration,
                            const ExperimentParams& params);
 
 /// Tracks a reference with a controller whose internal model is `believed`. The log ends early if
-/// the controller stops itself (ControllerLifecycle, ReferencePilot). Throws like playSchedule.
+/// the controller stops itself (ControllerLifecycle, ReferencePilot), or the sender (SenderGate). Throws like
+/// playSchedule.
 ExperimentLog trackReference(const Model& model, const Model& believed, const TrackingParams& tracking,
                              const ExperimentParams& params);
 

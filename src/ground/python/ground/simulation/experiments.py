@@ -160,7 +160,10 @@ def _log(model: _core.Model, drive: Drive, believed: _core.Model, *where: Any) -
 
 def _recorded(log: Document, name: str, source: str) -> SimulatedRun:
     """The run on the clock of a recording."""
-    frames, commands, truth = log["frames"], log["commands"], log["truth"]
+    frames, truth, commands = log["frames"], log["truth"], log["commands"]
+    commands[:, 0] += START
+    sent = log["sent"]
+    sent[:, 0] += START
     references = log["references"]
     references[:, 0] += START
     decided = log["decisions"]
@@ -170,8 +173,9 @@ def _recorded(log: Document, name: str, source: str) -> SimulatedRun:
         name=name,
         pose_times=START + frames[:, 0],
         eta=frames[:, 2:],
-        control_times=START + commands[:, 0],
-        controls=commands[:, 1:],
+        control_times=(sent if len(sent) else commands)[:, 0],
+        controls=(sent if len(sent) else commands)[:, 1:],
+        commanded=commands[: len(commands) if len(sent) else 0],
         source=source,
         delivered=START + frames[:, 1],
         truth_times=START + truth[:, 0],

@@ -33,6 +33,7 @@ VOLTAGE_NOISE = 1e-3  # of the measured voltage, relative to it
 TELLS = "%s (ground_msgs/Telemetry)" % messages.TELEMETRY
 MARKER_HEIGHT = 0.04  # height of the markers above the floor [m]
 NS = 10**9
+Series = Tuple[str, Array, Array, Iterable[Message]]  # topic, record times, stamps, messages
 WORLD = "world_ned"
 
 
@@ -55,6 +56,8 @@ class SimulatedRun(Recording):
     truth_nu: Array = _rows(0, 0)  # (k, 3) u, v [m/s], r [rad/s], body
     truth_nu_dot: Array = _rows(0, 0)  # (k, 3) their derivatives
     truth_wrench: Array = _rows(0, 0)  # (k, 3) disturbance: X, Y [N], N [N m], body
+    # (h, 2 + n) time, inputs, lift that a controller gave; `controls` is what the sender then sent
+    commanded: Array = _rows(0, 0)
     references: Array = _rows(0, 0)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
     # (i, 3 + n) time, stamp of the state, processor time [s], wanted inputs (of full scale)
     decisions: Array = _rows(0, 5)
@@ -153,8 +156,8 @@ def _new(kind: str, frame: str = "", **fields: Any) -> Message:
     return message
 
 
-def _series(run: SimulatedRun) -> List[Tuple[str, Array, Array, Iterable[Message]]]:
-    """Topic, record times, stamps and messages of all series of a run."""
+def _series(run: SimulatedRun) -> List[Series]:
+    """All series of a run."""
     start = run.truth_times[:1]
     made = start if run.made_with else start[:0]
     drives, marks = _drives(run), np.array([mark[0] for mark in run.marks], float)
@@ -182,12 +185,12 @@ def _series(run: SimulatedRun) -> List[Tuple[str, Array, Array, Iterable[Message
         (messages.BURSTS, marks, marks, bursts),
         (messages.WANTED, decided, decided, _wanted(run)),
         (messages.DECISION, decided, decided, decisions),
-        (messages.CONTROLS, run.control_times, run.control_times, _controls(run)),
+        *_controls(run),
         *sensed,
     ]
 
 
-def _sensed(run: SimulatedRun) -> Tuple[str, Array, Array, Iterable[Message]]:
+def _sensed(run: SimulatedRun) -> Series:
     """The series of telemetry."""
     times, count = run.truth_times + SENSED, len(run.truth_times)
     rows, volts = np.zeros((count, 3), np.int32), np.zeros(count, np.float32)
@@ -219,11 +222,20 @@ def _poses(run: SimulatedRun) -> Iterator[Message]:
         yield message
 
 
-def _controls(run: SimulatedRun) -> Iterator[Message]:
+def _controls(run: SimulatedRun) -> List[Series]:
+    """The series of commands, and of what the sender sent of them if there was one."""
+    sent = run.control_times, run.control_times, (_inputs(run, row[:-1], row[-1]) for row in run.controls)
+    if not len(run.commanded):
+        return [(messages.CONTROLS, *sent)]
+    given = run.commanded[:, 0]
+    return [(messages.CONTROLS, given, given, _commands(run)), (messages.SENT, *sent)]
+
+
+def _commands(run: SimulatedRun) -> Iterator[Message]:
     started = [name in STARTED for _, name, _ in run.stages]
-    at = np.searchsorted([stage[0] for stage in run.stages], run.control_times, side="right") - 1
-    for stage, row in zip(at, run.controls):
-        message = _inputs(run, row[:-1], row[-1])
+    at = np.searchsorted([stage[0] for stage in run.stages], run.commanded[:, 0], side="right") - 1
+    for stage, row in zip(at, run.commanded):
+        message = _inputs(run, row[1:-1], row[-1])
         if stage >= 0 and started[stage]:
             message.header.frame_id = messages.CONTROLLER
         yield message
