@@ -40,6 +40,7 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
   obedience_.reset();
   if (!expects_obedience_) return;
   obedience_.emplace(model);
+  obedience_->setDrive(drive_);
   if (volts_) obedience_->voltage(*volts_);
 }
 
@@ -55,6 +56,11 @@ void ReferencePilot::voltage(double volts) {
   if (obedience_) obedience_->voltage(volts);
 }
 
+void ReferencePilot::driveBegan(double began, double as_of) {
+  drive_.record(began, as_of);
+  if (obedience_) obedience_->setDrive(drive_);
+}
+
 void ReferencePilot::commanded(double time, const Inputs& inputs) {
   drive_.command(time, inputs.lift);
   if (given_.size() == kGiven) given_.erase(given_.begin());
@@ -67,7 +73,9 @@ void ReferencePilot::commanded(double time, const Inputs& inputs) {
 void ReferencePilot::activate(double) {
   reference_start_.reset();
   controller_->reset();
-  if (obedience_) obedience_->reset();
+  if (!obedience_) return;
+  obedience_->setDrive(drive_);
+  obedience_->reset();
 }
 
 void ReferencePilot::observe(const MeasuredState& measured) {

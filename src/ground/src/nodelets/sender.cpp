@@ -206,14 +206,16 @@ class Sender : public Shell {
   /// Checks whether the craft follows its commands. mutex_ is held.
   void watchMotion(const MeasuredState& measured) {
     if (!obedience_) return;
-    const std::string instead = obedience_->measured(measured.stamp, measured.state, measured.nu_variance);
+    const std::string instead =
+        obedience_->measured(measured.stamp - epoch_.toSec(), measured.state, measured.nu_variance);
     if (!instead.empty()) link_->disobeyed(steadyNow(), instead);
   }
 
   /// Stores a command that was sent, for the fence, and publishes it. mutex_ is held.
   void onSent(const MotorCommand& command) {
     const ros::Time now = ros::Time::now();
-    guard_.sent(now.toSec(), acceleration_ ? (*acceleration_)(command) : Vector2<double>(0, 0));
+    const double t = drive_.since(secondsBetween(epoch_, now));
+    guard_.sent(now.toSec(), acceleration_ ? (*acceleration_)(t, command) : Vector2<double>(0, 0));
     const double steady = steadyNow();
     if (now.isZero() || (command == published_ && steady < next_sent_)) return;
     published_ = command;
@@ -228,7 +230,8 @@ class Sender : public Shell {
   /// Stores what is sent, for watchMotion(). mutex_ is held.
   void noteSent() {
     if (!obedience_) return;
-    obedience_->sent(ros::Time::now().toSec(), link_->current() == GroundLink::State::kArmed, link_->sent());
+    obedience_->sent(secondsBetween(epoch_, ros::Time::now()), link_->current() == GroundLink::State::kArmed,
+                     link_->sent(), drive_);
   }
 
   /// Remark at arming about a bench and the craft's own stop; reads a file.

@@ -277,7 +277,7 @@ const ThrusterLayout& ControllerLifecycle::layout() const { return pilot_.layout
 void ControllerLifecycle::send(Instant now, const Inputs& inputs) {
   next_keepalive_ = now.steady + kKeepalive;
   if (!started() && now.steady < others_until_) return;
-  guard_.sent(now.time, ask([&] { return pilot_.acceleration(inputs); }, Vector2<double>(0, 0)));
+  guard_.sent(now.time, ask([&] { return pilot_.acceleration(now.time, inputs); }, Vector2<double>(0, 0)));
   if (!failed(now)) send_(inputs);
 }
 
