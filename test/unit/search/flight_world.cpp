@@ -136,8 +136,8 @@ void FlightWorld::measure(const Pose& pose) {
   if (valid) last_valid_ = std::max(last_valid_, state.stamp);
   if (life_.driving() && (!finite || (valid && (pose.x != 0 || pose.u > kQuick)))) cut();
   link_.state(now_, pose.age, valid, "lost");
-  room_.measure({state.stamp, pose.x, pose.u, 0, pose.valid, finite});
-  guard_.state(state);
+  room_.measure(now_, {state.stamp, pose.x, pose.u, 0, pose.valid, finite});
+  guard_.state(now_, state);
   confine();
   if (alive_) life_.state(instant(), state);
   exchange();

@@ -194,7 +194,7 @@ class Sender : public Shell {
     const bool finite = measured.finite(), valid = measured.valid && finite;
     link_->state(steadyNow(), age(state->header), valid,
                  measured.valid && !finite ? "the state is not finite" : measured.problem);
-    guard_.state(measured);
+    guard_.state(ros::Time::now().toSec(), measured);
     confine();
     if (valid) watchMotion(measured);
     collect();

@@ -71,7 +71,7 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (!params_.require_state) return;
   measured_ = measured;
   loss_.received(now, measured.stamp, measured.valid, measured.problem);
-  guard_.state(measured);
+  guard_.state(now.time, measured);
   if (measured.valid && stateIsFinite() && driving()) stopIfJumped(now);
   tick(now);
   if (state_ == State::kRunning && change_at_) {
