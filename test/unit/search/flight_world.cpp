@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "requirements.h"
+#include "wire.h"
 
 namespace ground {
 namespace flight_search {
@@ -86,7 +87,7 @@ FlightWorld::FlightWorld(Shared& shared)
           }(),
           {},
           [at = &shared](const MotorCommand& command, const UdpAddress&) {
-            at->packets.push_back(command);
+            at->packets.push_back(search::overTheWire(command, *thrusterPair()));
             return std::string();
           }),
       life_(
