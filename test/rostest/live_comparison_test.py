@@ -41,6 +41,7 @@ MODEL = os.path.join(HERE, "..", "..", "cfg", "hovercraft", "tiny_whoover.yaml")
 TRUTH = os.path.join(HERE, "tilted_craft.yaml")
 SAGGING = os.path.join(HERE, "sagging_craft.yaml")
 WEIGHT = 0.0583 * 9.81  # weight of the craft [N]
+SILENT, DRIVES = 3.0, 2.0  # time without a craft, and from its hello to thrust [s]
 SLOPES = 0.02, -0.01  # slopes of the floor, x and y in world_ned
 
 
@@ -102,6 +103,42 @@ class LiveComparisonTest(unittest.TestCase):
         self.check_displays()
         self.check_time_of_the_drive()
         self.check_voltage()
+
+    def test_its_clock_begins_with_what_was_sent(self):
+        """A craft that says hello late: a recording of it begins with the first command that left for it."""
+        self.late = subprocess.Popen(
+            ["rosrun", "nodelet", "nodelet", "standalone", "ground/LiveComparison"]
+            + ["__ns:=hello", "__name:=comparison", "_model:=" + MODEL]
+        )
+        kinds = {"state": State, "controls": Controls, "sent": Controls}
+        topics = {t: rospy.Publisher("hello/" + t, kind, queue_size=10) for t, kind in kinds.items()}
+        error = harness.Latest("hello/model_error", ModelError)
+        heard = lambda: all(t.get_num_connections() for t in topics.values())  # noqa: E731
+        harness.wait_for(heard, 20, "the comparison")
+        first, hello = [], []  # stamps of the first command and of the first one that is sent
+
+        def publish():
+            header = Header(stamp=rospy.Time.now())
+            passed = (header.stamp - hello[0]).to_sec() if hello else 0
+            thrust = 0.5 if passed > DRIVES else 0.0
+            controls = Controls(header=header, left=thrust, right=thrust, lift=float(bool(hello)))
+            topics["controls"].publish(controls)
+            if hello:
+                topics["sent"].publish(controls)
+            covariance = (1e-6, 0, 0, 0, 1e-6, 0, 0, 0, 1e-4)
+            topics["state"].publish(State(header=header, valid=True, pose_covariance=covariance))
+            first.extend([] if first else [header.stamp])
+
+        repeater = harness.Repeater(100, publish)
+        try:
+            harness.wait_for(
+                lambda: first and (rospy.Time.now() - first[0]).to_sec() > SILENT, 30, "commands"
+            )
+            hello.append(rospy.Time.now())
+            harness.wait_for(lambda: error.message and error.message.failure, 30, "a craft that stays")
+        finally:
+            repeater.stop()
+        self.assertAlmostEqual(error.message.failing_since[0], DRIVES, delta=0.5)
 
     def load_the_true_model(self):
         """Loads a second model live, which must win; files without a model are refused."""

@@ -192,7 +192,7 @@ TEST(Steering, TheFenceKnowsTheForceOfEveryAngle) {
           Thrusters<double>(model.body.input_max * asVector(inputs.thrusters)), model.body.input_max);
       const Vector3<double> moves =
           acceleration(plain, {Vector3<double>(0, 0, 0), Vector3<double>(0, 0, 0)}, given);
-      const Vector2<double> believed = pilot.acceleration(inputs);
+      const Vector2<double> believed = pilot.acceleration(0, inputs);
       EXPECT_NEAR((believed - moves.head<2>()).norm(), 0, 1e-9) << model.name;
       aside = std::max(aside, std::abs(believed.y()));
     }
@@ -213,7 +213,7 @@ TEST(Steering, ATurnedThrusterBesideAWallStopsTheDrive) {
     Inputs inputs = Inputs::off(2, 1);
     inputs.thrusters(0) = 1;
     inputs.thrusters(1) = angle;
-    return fence.objection(beside, 0.5, {{pilot.acceleration(inputs), 0.5}});
+    return fence.objection(beside, 0.5, {{pilot.acceleration(0, inputs), 0.5}});
   };
   EXPECT_NE(objection(1), "");
   EXPECT_EQ(objection(-1), "") << "it pushes away from the wall";

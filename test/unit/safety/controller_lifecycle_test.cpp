@@ -31,7 +31,7 @@ struct FakePilot : Pilot {
     ++activated;
   }
   void deactivate() override { ++deactivated; }
-  Vector2<double> acceleration(const Inputs& given) const override {
+  Vector2<double> acceleration(double, const Inputs& given) const override {
     return {given.zero() ? 0 : accelerates, 0};
   }
   std::string objection(const MeasuredState&) override { return objects; }
@@ -310,7 +310,7 @@ struct ThrowingPilot : Pilot {
     if (function == "end") throw 42;  // not a std::exception
     throw std::out_of_range("row 7 of 6");
   }
-  Vector2<double> acceleration(const Inputs&) const override {
+  Vector2<double> acceleration(double, const Inputs&) const override {
     return maybe("acceleration"), Vector2<double>(0, 0);
   }
   void commanded(double, const Inputs&) override { maybe("commanded"); }

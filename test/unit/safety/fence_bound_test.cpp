@@ -79,7 +79,7 @@ TEST(FenceThrust, CountsOnlyTowardsAWall) {
 
 TEST(FenceBound, FullAccelerationIsThatOfAllThrusters) {
   ReferencePilot pilot([] { return 0.0; }, nullptr);
-  EXPECT_EQ(fullAcceleration(pilot), 0) << "the craft is unknown";
+  EXPECT_EQ(fullAcceleration(pilot, 0), 0) << "the craft is unknown";
   Model model;
   model.body.k = 0.05;
   model.body.m = 0.1;
@@ -87,7 +87,7 @@ TEST(FenceBound, FullAccelerationIsThatOfAllThrusters) {
   model.body.input_max = 0.8;
   auto controller = makeController(model, ControllerChoice());
   pilot.swapController(controller, model);
-  EXPECT_NEAR(fullAcceleration(pilot), 2 * 0.05 * 0.8 / 0.1, 1e-12);
+  EXPECT_NEAR(fullAcceleration(pilot, 0), 2 * 0.05 * 0.8 / 0.1, 1e-12);
 }
 
 TEST(FenceBound, FullAccelerationFollowsTheVoltage) {
@@ -97,15 +97,15 @@ TEST(FenceBound, FullAccelerationFollowsTheVoltage) {
   model.setValue("battery_voltage.p", 2);
   ReferencePilot pilot([] { return 0.0; }, nullptr);
   pilot.setCraft(model);
-  const double unknown = fullAcceleration(pilot);
+  const double unknown = fullAcceleration(pilot, 0);
   pilot.voltage(8.4);
-  EXPECT_NEAR(fullAcceleration(pilot), std::pow(8.4 / 7.4, 2) * unknown, 1e-9 * unknown);
+  EXPECT_NEAR(fullAcceleration(pilot, 0), std::pow(8.4 / 7.4, 2) * unknown, 1e-9 * unknown);
   pilot.voltage(6.6);
-  EXPECT_NEAR(fullAcceleration(pilot), unknown, 1e-9 * unknown) << "an effect may be wrong";
+  EXPECT_NEAR(fullAcceleration(pilot, 0), unknown, 1e-9 * unknown) << "an effect may be wrong";
   pilot.voltage(8.4);
   for (const double implausible : {0.3, 3.7, 8400.0}) {
     pilot.voltage(implausible);
-    EXPECT_NEAR(fullAcceleration(pilot), std::pow(8.4 / 7.4, 2) * unknown, 1e-9 * unknown) << implausible;
+    EXPECT_NEAR(fullAcceleration(pilot, 0), std::pow(8.4 / 7.4, 2) * unknown, 1e-9 * unknown) << implausible;
   }
 }
 

@@ -224,10 +224,11 @@ class WatchedFlight {
     for (int i = 0; i < std::lround(100 * duration); ++i) {
       if (i % 50 == 0)
         for (int j = 0; j < layout.size(); ++j) held_.thrusters(j) = layout[j].most * level(random_);
-      watch_.sent(time_, armed, held_);
+      if (armed) drive_.command(time_, held_.lift);
+      watch_.sent(time_, armed, held_, drive_);
       Thrusters<double> forced = held_.thrusters;
       for (int j = 0; j < layout.size(); ++j) forced(j) *= shares_(j);
-      double t = 0;
+      double t = drive_.since(time_);
       const Dynamics<double> dynamics(truth_);
       dynamics.step(t, state_, dynamics.actuate(forced, {1, volts}, 0.01, nullptr), 0.01);
       time_ += 0.01;
@@ -246,7 +247,8 @@ class WatchedFlight {
   Thrusters<double> shares_ = Thrusters<double>::filled(truth_.thrusters->size(), 1);
   Inputs held_ = Inputs::off(truth_.thrusters->size(), 1);
   RigidState<double> state_;
-  double time_ = 1e9;
+  double time_ = 10;
+  DriveClock drive_;
 };
 
 TEST(ObedienceWatch, KnowsTheVoltageThatTheCraftReports) {
@@ -260,6 +262,17 @@ TEST(ObedienceWatch, KnowsTheVoltageThatTheCraftReports) {
     if (told) flight.watch().voltage(*flight.volts);
     EXPECT_EQ(std::isinf(flight.fly(20).first), told);
   }
+}
+
+// Thrust fades to an eighth. Who takes the next arming for the start of the drive expects all of it.
+TEST(ObedienceWatch, KnowsADriveThatBeganBeforeTheArming) {
+  Model model = craft();
+  model.addEffect(makeEffect("battery_sag"));
+  model.setValue("battery_sag.tau", 20);
+  WatchedFlight flight(model);
+  ASSERT_EQ(flight.fly(40).second, "");
+  flight.fly(0.5, false);
+  EXPECT_EQ(flight.fly(5).second, "");
 }
 
 TEST(ObedienceWatch, NamesADeadThrusterOfManyUntilTheNextArming) {

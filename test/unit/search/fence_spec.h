@@ -11,13 +11,16 @@ namespace ground {
 namespace search {
 
 struct FenceSpec {
+  static constexpr double kAhead = 1;  ///< [s]
+
   /// A state, as far as it matters.
   struct Seen {
     double stamp, x, u, heading;
     bool valid, finite;
     bool ahead = false;  ///< its stamp is of another clock
+    double since = 0;    ///< from when on thrust counts: its stamp, or when it came if that was earlier
 
-    bool trusted() const { return valid && finite; }
+    bool trusted() const { return valid && finite && !ahead; }
   };
   /// Thrust from a time on, clock of stamps.
   struct Push {
@@ -25,14 +28,16 @@ struct FenceSpec {
   };
 
   Fence fence;
-  std::optional<Seen> seen, trusted;  ///< the last state, and the last one that is valid and finite
+  std::optional<Seen> seen, trusted;  ///< the last state, and the last trusted one
   std::vector<Push> pushes;           ///< at the time of the last trusted state, and since then
 
-  void measure(const Seen& measured) {
+  void measure(double now, Seen measured) {
+    measured.ahead = measured.stamp > now + kAhead;
+    measured.since = std::min(measured.stamp, now);
     seen = measured;
     if (!measured.trusted()) return;
     trusted = measured;
-    while (pushes.size() > 1 && pushes[1].since <= measured.stamp) pushes.erase(pushes.begin());
+    while (pushes.size() > 1 && pushes[1].since <= measured.since) pushes.erase(pushes.begin());
   }
   /// Notes a command on the wire by the acceleration that it causes.
   void sends(double time, double acceleration) {
@@ -52,7 +57,7 @@ struct FenceSpec {
   template <class Visitor>
   void visit(Visitor&& v) const {
     for (const Push& one : pushes) {
-      v.stamp(trusted ? std::max(one.since, trusted->stamp) : one.since);
+      v.stamp(trusted ? std::max(one.since, trusted->since) : one.since);
       v.value(one.acceleration);
     }
     for (const bool flag : {seen && seen->valid, seen && seen->finite, seen && seen->ahead}) v.value(flag);
@@ -63,11 +68,11 @@ struct FenceSpec {
     Fence::Thrusts thrusts;
     for (std::size_t i = 0; i < pushes.size(); ++i) {
       const double until = i + 1 < pushes.size() ? pushes[i + 1].since : time;
-      const double lasted = std::max(0.0, until - std::max(pushes[i].since, from.stamp));
+      const double lasted = std::max(0.0, until - std::max(pushes[i].since, from.since));
       thrusts.push_back({{pushes[i].acceleration, 0}, lasted});
     }
     RigidState<double> craft{Vector3<double>(from.x, 0, from.heading), Vector3<double>(from.u, 0, 0)};
-    return !fence.objection(craft, time - from.stamp, thrusts).empty();
+    return !fence.objection(craft, time - from.since, thrusts).empty();
   }
 };
 

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "requirements.h"
+#include "wire.h"
 
 namespace ground {
 namespace flight_search {
@@ -86,7 +87,7 @@ FlightWorld::FlightWorld(Shared& shared)
           }(),
           {},
           [at = &shared](const MotorCommand& command, const UdpAddress&) {
-            at->packets.push_back(command);
+            at->packets.push_back(search::overTheWire(command, *thrusterPair()));
             return std::string();
           }),
       life_(
@@ -136,8 +137,8 @@ void FlightWorld::measure(const Pose& pose) {
   if (valid) last_valid_ = std::max(last_valid_, state.stamp);
   if (life_.driving() && (!finite || (valid && (pose.x != 0 || pose.u > kQuick)))) cut();
   link_.state(now_, pose.age, valid, "lost");
-  room_.measure({state.stamp, pose.x, pose.u, 0, pose.valid, finite});
-  guard_.state(state);
+  room_.measure(now_, {state.stamp, pose.x, pose.u, 0, pose.valid, finite});
+  guard_.state(now_, state);
   confine();
   if (alive_) life_.state(instant(), state);
   exchange();

@@ -14,7 +14,7 @@ namespace lifecycle_search {
 
 struct LifecycleSpec {
   using State = ControllerLifecycle::State;
-  static constexpr double kHandover = 0.2, kAhead = 1;  ///< [s]
+  static constexpr double kHandover = 0.2;              ///< [s]
   static constexpr double kJump = 0.2, kJumpSpeed = 2;  ///< [m], [m/s]
   static constexpr double kTurn = 0.6, kTurnRate = 10;  ///< [rad], [rad/s]
 
@@ -42,7 +42,7 @@ struct LifecycleSpec {
   bool supported(Instant now) const {
     if (!params.require_state) return true;
     const std::optional<Seen>& seen = room.seen;
-    return seen && seen->trusted() && !seen->ahead && now.steady < seen_at + params.state_timeout &&
+    return seen && seen->trusted() && now.steady < seen_at + params.state_timeout &&
            now.time < seen->stamp + params.state_timeout;
   }
   bool maySend() const { return armed || !params.require_armed; }
@@ -101,12 +101,11 @@ struct LifecycleSpec {
     room.clockSet();
   }
 
-  void measure(Instant now, Seen measured) {
+  void measure(Instant now, const Seen& measured) {
     if (!params.require_state) return;
-    measured.ahead = measured.stamp > now.time + kAhead;
-    room.measure(measured);
+    room.measure(now.time, measured);
     seen_at = now.steady;
-    if (driving() && measured.trusted()) {
+    if (driving() && measured.valid && measured.finite) {
       const double dt = std::max(0.0, measured.stamp - known_stamp);
       const bool jumped = std::abs(measured.x - known_x - known_u * dt) > kJump + kJumpSpeed * dt ||
                           std::abs(measured.heading - known_heading) > kTurn + kTurnRate * dt;

@@ -21,7 +21,7 @@ const Inputs kDrive{0.5, 0.25, 0}, kBrake{0.25, 0.5, 0};
 
 }  // namespace
 
-Vector2<double> SearchPilot::acceleration(const Inputs& inputs) const {
+Vector2<double> SearchPilot::acceleration(double, const Inputs& inputs) const {
   called();
   return pushed(inputs);
 }

@@ -42,7 +42,7 @@ struct SearchPilot : Pilot {
     throws_now = throws_now || throws;
     if (throws) throw std::runtime_error("it throws");
   }
-  Vector2<double> acceleration(const Inputs& inputs) const override;
+  Vector2<double> acceleration(double, const Inputs& inputs) const override;
   Vector2<double> pushed(const Inputs& inputs) const;  ///< acceleration() that never throws
   Inputs update(double elapsed, double, const RigidState<double>& state, double lift) override;
   double end() const override { return loop == Loop::kClosed ? std::numeric_limits<double>::infinity() : 1; }

@@ -7,6 +7,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "wire.h"
+
 namespace ground {
 namespace link_search {
 namespace {
@@ -142,8 +144,8 @@ LinkWorld::LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddres
       wire_(&wire),
       link_(
           params, craft,
-          [at = &wire](const MotorCommand& command, const UdpAddress& to) {
-            at->packets.push_back({command, to});
+          [at = &wire, layout](const MotorCommand& command, const UdpAddress& to) {
+            at->packets.push_back({search::overTheWire(command, *layout), to});
             return at->broken ? std::string("the network is unreachable") : std::string();
           },
           layout),

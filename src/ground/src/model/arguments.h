@@ -34,8 +34,7 @@ T argumentOf(const Point<T>& point, int i) {
   if (i < kFirstInputArgument) return point.eta(i - 3);
   const int input = i - kFirstInputArgument, inputs = point.layout.size();
   if (input < inputs) return point.input(input);
-  const bool unknown = isConstant(point.volts) && !(valueOf(point.volts) > 0);
-  if (input > inputs + 1) return unknown ? T(point.body.volts) : T(point.volts);
+  if (input > inputs + 1) return point.volts ? T(*point.volts) : T(point.body.volts);
   return input == inputs ? T(point.lift) : point.t;
 }
 

@@ -141,7 +141,7 @@ void Simulation<T>::step(int steps, const H& h) {
   if (!dynamics_.hasMemory()) {
     if (acts_ != stepping_.held()) acting_ = act(nullptr);
     acts_ = stepping_.held();
-    return dynamics_.step(t_, state_, acting_, h, steps, pose_);
+    return dynamics_.step(t_, state_, *acting_, h, steps, pose_);
   }
   for (int i = 0; i < steps; ++i) dynamics_.step(t_, state_, act(effect_states_.data()), h, 1, pose_);
 }

@@ -16,8 +16,8 @@ void VoltageSeries::add(double time, double voltage) {
   volts.push_back(voltage);
 }
 
-double VoltageSeries::at(double time) const {
-  if (empty()) return 0;
+std::optional<double> VoltageSeries::at(double time) const {
+  if (empty()) return std::nullopt;
   const auto next =
       static_cast<std::size_t>(std::upper_bound(times.begin(), times.end(), time) - times.begin());
   if (next == 0) return volts.front();

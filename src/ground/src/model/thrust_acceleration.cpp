@@ -15,12 +15,12 @@ void ThrustAcceleration::setVoltage(double volts) {
   if (isPlausibleVoltage(volts, nominal_volts_)) volts_ = volts;
 }
 
-Vector2<double> ThrustAcceleration::operator()(const Inputs& inputs) const {
+Vector2<double> ThrustAcceleration::operator()(double t, const Inputs& inputs) const {
   const Thrusters<double> thrusters =
       thrusters_->clipped(Thrusters<double>(input_max_ * asVector(inputs.thrusters)), input_max_);
   const RigidState<double> rest{Vector3<double>::Zero(), Vector3<double>::Zero()};
   const auto by = [&](const Thrusters<double>& some) -> Vector2<double> {
-    return craft_.derivative(0.0, rest, some, {inputs.lift, volts_}).nu.head<2>();
+    return craft_.derivative(t, rest, some, {inputs.lift, volts_}).nu.head<2>();
   };
   const Vector2<double> plain = push_ * thrusters_->atRest(thrusters).head<2>();
   const Vector2<double> whole = by(thrusters) - by(Thrusters<double>::zero(thrusters.size()));

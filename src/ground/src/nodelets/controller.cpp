@@ -61,7 +61,8 @@ void Controller::start(ros::NodeHandle& nh, ros::NodeHandle& topics) {
   decision_publisher_ = topics.advertise<ground_msgs::Decision>("decision", 4);
   status_ = nh.advertise<Status>("status", 1, true);
   load(nh);
-  if (room_) NODELET_INFO("%s: %s", name_.c_str(), fenceBound(*room_, fullAcceleration(*pilot_)).c_str());
+  if (room_)
+    NODELET_INFO("%s: %s", name_.c_str(), fenceBound(*room_, fullAcceleration(*pilot_, now().time)).c_str());
   start_service_ = services.advertiseService("start", &Controller::onStart, this);
   stop_service_ = services.advertiseService("stop", &Controller::onStop, this);
   const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();

@@ -23,7 +23,6 @@
 #include "ground/link/own_stop.h"
 #include "ground/link/protocol.h"
 #include "ground/link/udp_socket.h"
-#include "ground/model/drive_clock.h"
 #include "ground/nodelets/background.h"
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/inheriting_mutex.h"
@@ -179,7 +178,6 @@ class Sender : public Shell {
       gate_->command(now(), controls.header.stamp.toSec(), event.getPublisherName(), readInputs(controls));
     else
       gate_->link(now()).refuseCommand(steadyNow(), event.getPublisherName(), other);
-    noteLift();
     collect();
   }
 
@@ -279,26 +277,18 @@ class Sender : public Shell {
 
   /// Queues the status if it has changed. mutex_ is held.
   void collect() {
-    if (link().revision() == collected_) return;
-    noteLift();
-    reportStatus();
-  }
-
-  /// Passes the current lift to the drive clock. mutex_ is held.
-  void noteLift() {
-    const ros::Time now = ros::Time::now();
-    if (now.isZero()) return;  // a simulated clock has not started
-    if (epoch_.isZero()) epoch_ = now;
-    if (drive_.command(secondsBetween(epoch_, now), link().lift())) reportDrive();
+    if (gate_->drive().starts().size() != drives_) reportDrive();
+    if (link().revision() != collected_) reportStatus();
   }
 
   /// Publishes the start of the newest drive, if there is one. mutex_ is held.
   void reportDrive() {
     auto message = boost::make_shared<ground_msgs::Drive>();
     message->header.stamp = ros::Time::now();
-    const double origin = drive_.origin(secondsBetween(epoch_, message->header.stamp));
+    drives_ = gate_->drive().starts().size();
+    const double origin = gate_->drive().origin(message->header.stamp.toSec() - gate_->epoch());
     if (!std::isfinite(origin)) return;
-    message->began = epoch_ + ros::Duration(origin);
+    message->began = ros::Time(gate_->epoch() + origin);
     background_.add([this, message] { drive_publisher_.publish(message); });
   }
 
@@ -369,8 +359,7 @@ class Sender : public Shell {
   MotorCommand published_;       ///< the last one on `sent`
   double next_sent_ = 0;         ///< when it is published again, steady clock [s]
   double next_status_ = 0;       ///< steady clock [s]
-  DriveClock drive_;             ///< on a clock that begins at epoch_; guarded by mutex_
-  ros::Time epoch_;              ///< time of the first command; guarded by mutex_
+  std::size_t drives_ = 0;       ///< drives that were reported; guarded by mutex_
   RosTimeWatch time_watch_;      ///< used only by run()
   Status logged_;                ///< used only in the thread of background_
   std::atomic<bool> running_{true};

@@ -146,7 +146,7 @@ void defBound(py::module_& module) {
     ReferencePilot pilot([] { return 0.0; }, nullptr);
     auto controller = makeController(model, ControllerChoice());
     pilot.swapController(controller, model);
-    return fullAcceleration(pilot);
+    return fullAcceleration(pilot, 0);
   };
   module.def("full_acceleration", full, "model"_a,
              "Largest acceleration of a craft by its thrusters [m/s^2].");

@@ -71,7 +71,7 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (!params_.require_state) return;
   measured_ = measured;
   loss_.received(now, measured.stamp, measured.valid, measured.problem);
-  guard_.state(measured);
+  guard_.state(now.time, measured);
   if (measured.valid && stateIsFinite() && driving()) stopIfJumped(now);
   tick(now);
   if (state_ == State::kRunning && change_at_) {
@@ -277,7 +277,7 @@ const ThrusterLayout& ControllerLifecycle::layout() const { return pilot_.layout
 void ControllerLifecycle::send(Instant now, const Inputs& inputs) {
   next_keepalive_ = now.steady + kKeepalive;
   if (!started() && now.steady < others_until_) return;
-  guard_.sent(now.time, ask([&] { return pilot_.acceleration(inputs); }, Vector2<double>(0, 0)));
+  guard_.sent(now.time, ask([&] { return pilot_.acceleration(now.time, inputs); }, Vector2<double>(0, 0)));
   if (!failed(now)) send_(inputs);
 }
 

@@ -32,7 +32,7 @@ std::string sentence(const Room& room, double full, const Upset& upset) {
 
 }  // namespace
 
-double fullAcceleration(const Pilot& pilot) {
+double fullAcceleration(const Pilot& pilot, double time) {
   const ThrusterLayout& layout = pilot.layout();
   double largest = 0;
   // A rudder takes thrust away at both ends of its range: the neutral input counts as well.
@@ -43,7 +43,7 @@ double fullAcceleration(const Pilot& pilot) {
     inputs.lift = 1;
     for (int i = 0, digits = combination; i < layout.size(); ++i, digits /= 3)
       inputs.thrusters(i) = std::array{layout[i].least, 0.0, layout[i].most}[digits % 3];
-    largest = std::max(largest, pilot.acceleration(inputs).norm());
+    largest = std::max(largest, pilot.acceleration(time, inputs).norm());
   }
   return largest;
 }

@@ -1,12 +1,16 @@
 #include "ground/safety/fence_guard.h"
 
+#include "ground/safety/freshness.h"
+
 namespace ground {
 
-void FenceGuard::state(const MeasuredState& measured) {
+void FenceGuard::state(double now, const MeasuredState& measured) {
   last_ = measured;
-  if (!measured.valid || !measured.finite()) return;
-  valid_ = measured;
-  const auto later = [&](const Thrust& one) { return one.since > measured.stamp; };
+  last_->valid = measured.valid && measured.finite() && measured.stamp - now <= Freshness::kMaxAhead;
+  if (!(measured.stamp <= now)) last_->stamp = now;
+  if (!last_->valid) return;
+  valid_ = last_;
+  const auto later = [&](const Thrust& one) { return one.since > valid_->stamp; };
   const auto next =
       std::find_if(thrusts_.begin(), thrusts_.end(), later);  // the one before it acts at the stamp
   if (next != thrusts_.begin()) thrusts_.erase(thrusts_.begin(), next - 1);
@@ -26,7 +30,7 @@ void FenceGuard::reset() {
 
 std::string FenceGuard::objection(double now) const {
   if (!fence_ || !last_) return "";
-  if (valid_ && !(last_->valid && last_->finite())) {
+  if (valid_ && !last_->valid) {
     const std::string problem = objection(now, *valid_);
     if (!problem.empty()) return problem;
   }

@@ -98,10 +98,17 @@ void ObedienceMonitor::addExplanations() {
 void ObedienceMonitor::reset() {
   InputSequence none(dynamics_.layout().size());
   none.battery = battery_;
+  none.drive = drive_;
   delayed_.fill(none);
   others_.assign(explanations_.size(), none);
   started_ = false;
   intervals_.clear();
+}
+
+void ObedienceMonitor::setDrive(const DriveClock& drive) {
+  drive_ = drive;
+  for (InputSequence& commands : delayed_) commands.drive = drive;
+  for (InputSequence& other : others_) other.drive = drive;
 }
 
 void ObedienceMonitor::command(double time, const Thrusters<double>& thrusters, double lift) {

@@ -7,25 +7,25 @@ namespace ground {
 ObedienceWatch::ObedienceWatch(const Model& model)
     : input_max_(model.body.input_max), nominal_volts_(model.body.volts), monitor_(model) {}
 
-void ObedienceWatch::sent(double time, bool armed, const Inputs& inputs) {
+void ObedienceWatch::sent(double time, bool armed, const Inputs& inputs, const DriveClock& drive) {
   if (!armed) {
     sent_.reset();
     return;
   }
   const bool begins = !sent_;
   if (begins) {
+    monitor_.setDrive(drive);
     monitor_.reset();
-    began_ = time;
   }
   if (begins || inputs != *sent_)
-    monitor_.command(time - began_, input_max_ * asVector(inputs.thrusters), inputs.lift);
+    monitor_.command(time, input_max_ * asVector(inputs.thrusters), inputs.lift);
   sent_ = inputs;
 }
 
 std::string ObedienceWatch::measured(double time, const RigidState<double>& state,
                                      const Vector3<double>& nu_variance) {
   if (timeout_ == 0 || !sent_ || !nu_variance.allFinite()) return "";
-  monitor_.measure(time - began_, state, nu_variance);
+  monitor_.measure(time, state, nu_variance);
   return monitor_.disobedience(timeout_);
 }
 

@@ -34,10 +34,11 @@ void SenderGate::state(Instant now, const MeasuredState& measured) {
   const bool finite = measured.finite(), valid = measured.valid && finite;
   link_.state(now.steady, now.time - measured.stamp, valid,
               measured.valid && !finite ? "the state is not finite" : measured.problem);
-  guard_.state(measured);
+  guard_.state(now.time, measured);
   confine();
   if (!valid || !obedience_) return;
-  const std::string instead = obedience_->measured(measured.stamp, measured.state, measured.nu_variance);
+  const std::string instead = 
+      obedience_->measured(local(measured.stamp), measured.state, measured.nu_variance);
   if (!instead.empty()) link_.disobeyed(now.steady, instead);
 }
 
@@ -66,10 +67,15 @@ void SenderGate::tick(Instant now) {
 
 /// Sends a command, and stores it for the fence and for the watch.
 std::string SenderGate::send(const MotorCommand& command, const UdpAddress& to) {
+  if (!epoch_) epoch_ = now_.time;
+  const double time = local(now_.time);
+  drive_.command(time, link_.lift());
   const std::string problem = send_(command, to);
-  if (problem.empty())
-    guard_.sent(now_.time, acceleration_ ? (*acceleration_)(command) : Vector2<double>(0, 0));
-  if (obedience_) obedience_->sent(now_.time, armed(), command);
+  if (problem.empty()) {
+    const double t = drive_.since(time);
+    guard_.sent(now_.time, acceleration_ ? (*acceleration_)(t, command) : Vector2<double>(0, 0));
+  }
+  if (obedience_) obedience_->sent(time, armed(), command, drive_);
   return problem;
 }
 

@@ -61,7 +61,9 @@ class ExcitationPilot : public Pilot {
   void playInside(InputSignal signal, double duration, const Model& model, const ReturnParams& params);
 
   const ThrusterLayout& layout() const override { return *signal_.thrusters; }
-  Vector2<double> acceleration(const Inputs& inputs) const override { return home_.acceleration(inputs); }
+  Vector2<double> acceleration(double time, const Inputs& inputs) const override {
+    return home_.acceleration(time, inputs);
+  }
   void commanded(double time, const Inputs& inputs) override { home_.commanded(time, inputs); }
   void voltage(double volts) override { home_.voltage(volts); }
   void driveBegan(double began, double as_of) override { home_.driveBegan(began, as_of); }

@@ -49,8 +49,8 @@ class ReferencePilot : public Pilot {
   TrackingController* controller() const { return controller_.get(); }
 
   const ThrusterLayout& layout() const override { return *thrusters_; }
-  Vector2<double> acceleration(const Inputs& inputs) const override {
-    return acceleration_ ? (*acceleration_)(inputs) : Vector2<double>(0, 0);
+  Vector2<double> acceleration(double time, const Inputs& inputs) const override {
+    return acceleration_ ? (*acceleration_)(drive_.since(time), inputs) : Vector2<double>(0, 0);
   }
   void commanded(double time, const Inputs& inputs) override;
   void voltage(double volts) override;

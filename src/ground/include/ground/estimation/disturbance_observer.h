@@ -41,8 +41,8 @@ class DisturbanceObserver {
   /// Adds a command, in the model's units, given at `time` [s]. If it is earlier than the previous
   /// one, time has jumped back, and all earlier commands are discarded.
   void command(double time, const Thrusters<double>& thrusters, double lift);
-  /// The voltage of the battery from now on [V].
-  void voltage(double volts) { volts_ = volts; }
+  /// The voltage of the battery from now on [V]; no value: not known.
+  void voltage(std::optional<double> volts) { volts_ = volts; }
   /// Adds a measurement at `time`. The filtered `state` is used only at a restart. Measurements that are not
   /// newer than the last one, or have no pose, are ignored.
   void measure(double time, const RigidState<double>& state, const PoseMeasurement& measured);
@@ -95,7 +95,7 @@ class DisturbanceObserver {
   ObserverParams params_;
   std::array<Command, 128> commands_;  ///< ring buffer
   std::size_t count_ = 0;              ///< total number of commands
-  double volts_ = 0;                   ///< of the battery [V]; 0: not known
+  std::optional<double> volts_;        ///< of the battery [V]
   bool started_ = false;
   double time_ = 0;                                          ///< time of the last measurement [s]
   double origin_ = std::numeric_limits<double>::infinity();  ///< start of the drive [s]

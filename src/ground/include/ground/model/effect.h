@@ -89,8 +89,8 @@ struct EffectInfo {
 template <typename T>
 struct StepInputs {
   std::array<Thrusters<T>, 3> thrusters;
-  Conditions<T> given{0.0, std::nullopt};  ///< held over the step
-  bool held = false;                       ///< the thruster inputs are also held over the step
+  Conditions<T> given;  ///< held over the step
+  bool held = false;    ///< the thruster inputs are also held over the step
   /// States of all effects, integrated over the step with the motion. If null, the states stay at
   /// their initial values.
   T* states = nullptr;
@@ -113,10 +113,11 @@ struct Point {
   const Thrusters<T>& thrust;    ///< force of the thrusters [N]
   const ThrusterLayout& layout;  ///< where they are
   const Given<T>& lift;          ///< 0..1
-  const Given<T>& volts;         ///< voltage of the battery [V]; 0: not known
-  const Body<T>& body;           ///< nominal parameters
-  const Matrix3<T>& mass;        ///< mass matrix with all effects inside
-  const T* states;               ///< states of the effect that is called
+  /// Voltage of the battery [V]; no value: not known.
+  const std::optional<Given<T>>& volts;
+  const Body<T>& body;     ///< nominal parameters
+  const Matrix3<T>& mass;  ///< mass matrix with all effects inside
+  const T* states;         ///< states of the effect that is called
 };
 
 /// Measured pose and velocity: those of the mocap's rigid body, not of the centre of the craft.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "ground/model/dynamics.h"
@@ -61,7 +62,8 @@ class Simulation {
   bool pose_ = true;
 
   static constexpr std::size_t kNone = -1;
-  StepInputs<T> acting_;      ///< without memory: the same for all steps under a command
+  /// Without memory: the same for all steps under a command.
+  std::optional<StepInputs<T>> acting_;
   std::size_t acts_ = kNone;  ///< Stepping::held() of it
 };
 

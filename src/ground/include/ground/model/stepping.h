@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include "ground/model/drive_clock.h"
@@ -18,8 +19,9 @@ struct VoltageSeries {
   bool empty() const { return times.empty(); }
   /// Throws std::invalid_argument if the time descends or the voltage is not positive.
   void add(double time, double voltage);
-  /// At a time [s]: linear between measurements, constant before and after them; 0 without any [V].
-  double at(double time) const;
+  /// At a time [s]: linear between measurements, constant before and after them; no value without any
+  /// [V].
+  std::optional<double> at(double time) const;
   /// Removes what is older than the last measurement before `oldest` [s].
   void dropBefore(double oldest);
 };

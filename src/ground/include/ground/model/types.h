@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <type_traits>
 
 #include "ground/model/jet.h"
@@ -37,15 +38,15 @@ inline bool isConstant(const Symbol& x) { return x.isConstant(); }
 template <typename T>
 using Given = std::conditional_t<std::is_same_v<T, Symbol>, Symbol, double>;
 
-/// What acts on a craft beside the inputs of its thrusters, at one instant. Who asks a model says all of it:
-/// an unknown voltage is an explicit std::nullopt.
+/// What acts on a craft beside the inputs of its thrusters and the time, at one instant. Who asks a model
+/// says all of it: an unknown voltage is an explicit std::nullopt.
 template <typename T>
 struct Conditions {
-  Given<T> lift;   ///< input of the lift fan, 0..1
-  Given<T> volts;  ///< voltage of the battery [V]; 0: not known
+  Given<T> lift;                  ///< input of the lift fan, 0..1
+  std::optional<Given<T>> volts;  ///< voltage of the battery [V]; no value: not known
 
   Conditions(const Given<T>& lift_input, const std::optional<Given<T>>& battery)
-      : lift(lift_input), volts(battery.value_or(Given<T>(0.0))) {}
+      : lift(lift_input), volts(battery) {}
 };
 
 /// `a` where the condition holds, else `b`.

@@ -34,9 +34,9 @@ class Pilot {
   virtual ~Pilot() = default;
   /// The thrusters that it commands.
   virtual const ThrusterLayout& layout() const { return *thrusterPair(); }
-  /// Acceleration of a craft at rest by thrusters with these inputs, body axes [m/s^2], for the fence, rather
-  /// too large; 0 if the craft is unknown.
-  virtual Vector2<double> acceleration(const Inputs& /*inputs*/) const { return {0, 0}; }
+  /// Acceleration of a craft at rest by thrusters with these inputs at `time` (clock of stamps) [s], body
+  /// axes [m/s^2], for the fence, rather too large; 0 if the craft is unknown.
+  virtual Vector2<double> acceleration(double /*time*/, const Inputs& /*inputs*/) const { return {0, 0}; }
   /// Called with every command that is sent, by any controller, in order of time (clock of stamps)
   /// [s].
   virtual void commanded(double /*time*/, const Inputs& /*inputs*/) {}

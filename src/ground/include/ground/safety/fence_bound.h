@@ -14,8 +14,9 @@ struct Upset {
   double thrust_error = 0;  ///< acceleration by the thrusters that the model does not know, as a share of it
 };
 
-/// Largest acceleration of a craft by its thrusters [m/s^2]; 0 if the pilot does not know the craft.
-double fullAcceleration(const Pilot& pilot);
+/// Largest acceleration of a craft by its thrusters at `time` (clock of stamps) [m/s^2]; 0 if the pilot does
+/// not know the craft.
+double fullAcceleration(const Pilot& pilot, double time);
 
 /// Speed [m/s] up to which a Fence that keeps the room's margin keeps a craft inside, whatever the controller
 /// commands; 0 if none is certain. `full`: fullAcceleration().

@@ -28,11 +28,21 @@ struct MeasuredState {
 /// since then. A controller's life cycle has one with the room's margin, for what it commands, so that it
 /// stops first; the sender has one up to the walls, for what it really sends. Times are those of the clock of
 /// stamps [s].
+///
+///     guard.setFence(Fence(room, room.margin));
+///     guard.state(now, measured);                               // every state
+///     guard.sent(now, acceleration(drive.since(now), inputs));  // every command that leaves, zeros as well
+///     const std::string why = guard.objection(now);             // before the next one, and between states
+///
+/// Without any state it has no objection: whether a state is lost is for StateLoss to say. An acceleration of
+/// 0 for an unknown craft hides its thrust.
 class FenceGuard {
  public:
   /// Without value, there are no bounds.
   void setFence(std::optional<Fence> fence) { fence_ = std::move(fence); }
-  void state(const MeasuredState& measured);
+  /// Call with every state. One whose stamp is ahead of `now` counts as measured now: thrust from now on acts
+  /// upon it. One that is more than Freshness::kMaxAhead ahead is of another clock, and not valid.
+  void state(double now, const MeasuredState& measured);
   /// Call with every command that is sent; `acceleration`: by its thrust, body axes [m/s^2]
   /// (ThrustAcceleration), 0 if the craft is unknown.
   void sent(double time, const Vector2<double>& acceleration);
@@ -50,6 +60,7 @@ class FenceGuard {
       visitor.value(measured->has_value());
       if (!*measured) continue;
       visitor.stamp((*measured)->stamp);
+      visitor.value((*measured)->valid);
       for (int i = 0; i < 3; ++i) {
         visitor.value((*measured)->state.eta(i));
         visitor.value((*measured)->state.nu(i));

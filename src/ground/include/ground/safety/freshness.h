@@ -15,6 +15,12 @@ struct Instant {
 /// its stamp, by the clock of stamps, whichever is earlier. So neither a late message nor a clock that stands
 /// still makes an old one fresh. A stamp more than kMaxAhead in the future is from another clock: the message
 /// is stale at once. Without a message, everything is stale.
+///
+///     Freshness commands;
+///     commands.received(now, stamp);
+///     if (commands.stale(now, 0.2)) ...
+///
+/// It does not hear of a clock that was set: call reset() then.
 class Freshness {
  public:
   static constexpr double kMaxAhead = 1.0;  ///< [s]

@@ -32,8 +32,10 @@ class ObedienceMonitor {
   ObedienceMonitor(const ObedienceMonitor&) = delete;
   ObedienceMonitor& operator=(const ObedienceMonitor&) = delete;
 
-  /// Discards all commands and states.
+  /// Discards all commands and states, but not the drive.
   void reset();
+  /// Sets the drives known so far, which define the model's t; commands add later ones.
+  void setDrive(const DriveClock& drive);
   /// Adds a command, in the model's units, sent at `time` [s]; times must ascend.
   void command(double time, const Thrusters<double>& thrusters, double lift);
   /// The voltage of the battery from now on [V].
@@ -89,6 +91,7 @@ class ObedienceMonitor {
   std::vector<Explanation> explanations_;
   std::vector<InputSequence> others_;  ///< inputs by each explanation
   VoltageSeries battery_;              ///< of all of them: the last voltage
+  DriveClock drive_;                   ///< with which they begin
   bool started_ = false;
   Sample start_;  ///< start of the current interval
   std::deque<Interval> intervals_;

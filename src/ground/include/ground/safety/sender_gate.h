@@ -3,6 +3,7 @@
 #include <optional>
 #include <string>
 
+#include "ground/model/drive_clock.h"
 #include "ground/model/model.h"
 #include "ground/model/thrust_acceleration.h"
 #include "ground/safety/fence_guard.h"
@@ -55,10 +56,16 @@ class SenderGate {
     return link_;
   }
   const GroundLink& link() const { return link_; }
+  /// When drives began, by the lift that was commanded while armed, on a clock that begins at epoch().
+  const DriveClock& drive() const { return drive_; }
+  /// When the first packet was sent, clock of stamps [s].
+  double epoch() const { return epoch_.value_or(0); }
   bool armed() const { return link_.current() == GroundLink::State::kArmed; }
 
  private:
   std::string send(const MotorCommand& command, const UdpAddress& to);
+  /// A time, clock of stamps [s], as a small number.
+  double local(double time) const { return time - epoch(); }
   void confine() { link_.confine(now_.steady, guard_.objection(now_.time)); }
 
   GroundLink::Send send_;
@@ -66,6 +73,8 @@ class SenderGate {
   FenceGuard guard_;
   std::optional<ThrustAcceleration> acceleration_;  ///< no value without a model
   std::optional<ObedienceWatch> obedience_;         ///< no value without a model
+  DriveClock drive_;
+  std::optional<double> epoch_;
   Instant now_{0, 0};                               ///< of the last call
 };
 

@@ -46,14 +46,10 @@ struct BatteryVoltage {
   }
   template <typename T>
   static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
-    using std::exp;
-    if (!(point.body.volts > 0)) return;
-    if constexpr (std::is_same_v<T, Symbol>) {
-      force *= exp(p[0] * log(point.volts / point.body.volts));
-      return;
-    }
-    const double ratio = point.body.volts > 0 ? valueOf(point.volts) / point.body.volts : 0;
-    if (ratio > 0) force *= T(exp(p[0] * std::log(ratio)));
+    using std::exp, std::log;
+    if (!point.volts || !(point.body.volts > 0)) return;
+    const Given<T> logarithm = log(*point.volts / point.body.volts);
+    force *= T(exp(p[0] * logarithm));
   }
 };
 GROUND_REGISTER_EFFECT(BatteryVoltage)
