@@ -54,9 +54,8 @@ void InertialFusion::update(double stamp, const Vector3<double>& eta, const Moti
   if (!fresh) stop("no sample for too long");
   if (following_) {
     for (auto sample = samples_.begin(); sample != later; ++sample) {
-      if (sample->stamp <= stamp_) continue;
-      motion_.predict(sample->stamp - stamp_, params);
-      stamp_ = sample->stamp;
+      if (sample->stamp <= motion_.stamp()) continue;
+      motion_.predict(sample->stamp, params);
       correctBy(*sample);
     }
   }
@@ -66,22 +65,18 @@ void InertialFusion::update(double stamp, const Vector3<double>& eta, const Moti
   if (!fresh) return;
   if (!following_) {
     motion_ = by_poses;
-    stamp_ = pose_stamp_ = stamp;
     beginSpan(stamp, measuredBy(samples_[0]));
     following_ = true;
     return;
   }
-  motion_.predict(std::max(stamp - stamp_, 0.0), params);
-  stamp_ = stamp;
-  if (!motion_.correct(eta, params) || !motion_.velocity().allFinite()) {
+  const double span = stamp - motion_.usedStamp();
+  if (motion_.add(stamp, eta, params) != MotionFilter::Pose::kUsed || !motion_.velocity().allFinite()) {
     stop("they contradict the poses");
     return;
   }
-  endSpan(stamp, count_ > 1 ? &samples_[1] : nullptr);
-  const double dt = std::max(stamp - pose_stamp_, 0.0);
-  pose_stamp_ = stamp;
-  learnBias(by_poses, dt);
-  compare(by_poses, dt);
+  endSpan(stamp, span, count_ > 1 ? &samples_[1] : nullptr);
+  learnBias(by_poses, span);
+  compare(by_poses, span);
 }
 
 Vector3<double> InertialFusion::measuredBy(const Sample& sample) const {
@@ -118,12 +113,12 @@ void InertialFusion::integrate(double stamp, const Vector3<double>& felt) {
 
 /// Makes measured_ of what was measured between two poses; `next`: the sample after the later one, if it has
 /// come.
-void InertialFusion::endSpan(double stamp, const Sample* next) {
+void InertialFusion::endSpan(double stamp, double span, const Sample* next) {
   Vector3<double> felt = felt_;
   if (next) felt += (stamp - felt_at_) / (next->stamp - felt_at_) * (measuredBy(*next) - felt_);
   integrate(stamp, felt);
   InertialMeasurement& measured = measured_.emplace();
-  measured.span = stamp - pose_stamp_;
+  measured.span = span;
   const double turn = (felt.z() - began_rate_) / measured.span, outward = outward_ / measured.span;
   const double x = mounting_.ahead, y = mounting_.starboard;
   measured.acceleration =
@@ -165,7 +160,7 @@ void InertialFusion::compare(const MotionFilter& by_poses, double dt) {
   const Vector3<double> away = motion_.velocity() - by_poses.velocity();
   double distance = 0;
   for (int axis = 0; axis < 3; ++axis)
-    distance += away(axis) * away(axis) / (3 * by_poses.axis(axis).P(1, 1));
+    distance += away(axis) * away(axis) / (3 * by_poses.axes()[static_cast<std::size_t>(axis)].P(1, 1));
   distance_ += std::min(1.0, dt / kCompared) * (distance - distance_);
   const bool near = distance_ < kMostDistance;
   agreed_ = near ? agreed_ + dt : 0;

@@ -56,7 +56,7 @@ class InertialFusion {
   void correctBy(const Sample& sample);
   void integrate(double stamp, const Vector3<double>& felt);
   void beginSpan(double stamp, const Vector3<double>& felt);
-  void endSpan(double stamp, const Sample* next);
+  void endSpan(double stamp, double span, const Sample* next);
   void learnBias(const MotionFilter& by_poses, double dt);
   void compare(const MotionFilter& by_poses, double dt);
   Vector2<double> atMarkers(const Vector2<double>& acceleration) const;
@@ -66,7 +66,6 @@ class InertialFusion {
   std::size_t count_ = 0;
   MotionFilter motion_;
   bool following_ = false;
-  double stamp_ = 0, pose_stamp_ = 0;  ///< of motion_ and of the last pose [s]
   double agreed_ = 0;                  ///< time since the filters disagreed [s]
   double learned_ = 0;                 ///< time over which biases were learned [s]
   double distance_ = 0;   ///< mean squared distance of the filters in the last moments, per component
