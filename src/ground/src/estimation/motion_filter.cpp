@@ -57,7 +57,8 @@ Eigen::Vector3d AxisFilter::smoothed(const Eigen::Vector3d& later, double dt, do
   return x + gain * (later - next.x);
 }
 
-MotionFilter::Pose MotionFilter::add(double stamp, const Vector3<double>& eta, const EstimatorParams& params) {
+MotionFilter::Pose MotionFilter::add(double stamp, const Vector3<double>& eta,
+                                     const EstimatorParams& params) {
   if (!leadsTo(stamp, params)) {
     start(stamp, eta, params);
     return Pose::kStarts;
@@ -86,18 +87,20 @@ void MotionFilter::predict(double stamp, const EstimatorParams& params) {
 }
 
 bool MotionFilter::correct(const Vector3<double>& eta, const EstimatorParams& params) {
-  Vector3<double> innovation = eta - position();
-  innovation(2) = wrapAngle(innovation(2));
+  innovation_ = eta - position();
+  innovation_(2) = wrapAngle(innovation_(2));
   std::array<AxisFilter, 3> corrected = axes_;
+  bool sound = true;
   for (int i = 0; i < 3; ++i) {
     const double by_stamp = params.stamp_noise * axes_[i].x(1);
     const double r = params.noise(i) * params.noise(i) + by_stamp * by_stamp;
-    if (axes_[i].squared(innovation(i), r) > params.gate * params.gate) return false;
-    corrected[i].correct(0, innovation(i), r);
-    if (std::abs(corrected[i].x(1)) > params.most * params.speed(i)) return false;
+    innovation_variance_(i) = axes_[i].P(0, 0) + r;
+    corrected[i].correct(0, innovation_(i), r);
+    sound = sound && innovation_(i) * innovation_(i) <= params.gate * params.gate * innovation_variance_(i) &&
+            std::abs(corrected[i].x(1)) <= params.most * params.speed(i);
   }
-  axes_ = corrected;
-  return true;
+  if (sound) axes_ = corrected;
+  return sound;
 }
 
 /// Counts a rejected pose; returns whether there are enough that agree with each other.

@@ -50,7 +50,7 @@ double scoreAndCorrect(AxisFilter& filter, double measured, double r, double out
                        int& unreachable) {
   constexpr double kCap = 25;  // squared distance beyond which a measurement does not correct
   const double innovation = measured - filter.x(0), s = filter.P(0, 0) + r;
-  const double distance = filter.squared(innovation, r);
+  const double distance = innovation * innovation / s;
   if (distance < kCap) filter.correct(0, innovation, r);
   unreachable = distance < kCap || std::abs(innovation) < reach ? 0 : unreachable + 1;
   const double good = -0.5 * (distance + std::log(2 * M_PI * s));
@@ -121,7 +121,7 @@ SmoothedMotion smooth(const std::vector<double>& stamps, const Eigen::MatrixX3d&
     motion.eta.row(k) = row(0);
     motion.nu.row(k) = nu;
     motion.nu_dot.row(k) = nu_dot;
-    motion.used[k] = steps[k].pose <= MotionFilter::Pose::kUsed;
+    motion.used[k] = steps[k].pose != MotionFilter::Pose::kRejected;
     motion.starts[k] = steps[k].pose == MotionFilter::Pose::kStarts;
   }
   return motion;

@@ -72,14 +72,11 @@ const StateEstimate& VelocityEstimator::update(double stamp, const Vector3<doubl
   params_ = given_;
   params_.stamp_noise = std::max(given_.stamp_noise, scatter_.stampNoise());
   const MotionFilter::Pose pose = filter_.add(stamp, eta, params_);
-  if (pose == MotionFilter::Pose::kRejected) {
-    publish(filter_);
-    return reject("the pose jumped");
-  }
-  if (pose == MotionFilter::Pose::kJumped) filter_.start(stamp, eta, params_);
-  if (pose == MotionFilter::Pose::kUsed) {
-    publish(withSensors(stamp, eta));
-  } else {
+  const bool used = pose == MotionFilter::Pose::kUsed;
+  publish(used ? withSensors(stamp, eta) : filter_);
+  if (pose == MotionFilter::Pose::kRejected) return reject("the pose jumped");
+  if (!used) {
+    if (pose == MotionFilter::Pose::kJumped) filter_.start(stamp, eta, params_);
     accepted_ = rejected_ = 0;
     inertial_.restart();
     publish(filter_);

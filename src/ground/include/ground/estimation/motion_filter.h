@@ -31,11 +31,10 @@ struct AxisFilter {
   void start(double position, double r, double usual_speed);
   /// Time update over dt [s] with the jerk's spectral density q.
   void predict(double dt, double q);
-  /// Square of a position's innovation with variance r, relative to its expectation.
-  double squared(double innovation, double r) const { return innovation * innovation / (P(0, 0) + r); }
   /// Measurement update by the innovation z - x(i) with variance r.
   void correct(int i, double innovation, double r);
-  /// The smoothed state, given that `later`, dt [s] after it: a backward step of Rauch, Tung, Striebel (1965).
+  /// The smoothed state, given that `later`, dt [s] after it: a backward step of Rauch, Tung, Striebel
+  /// (1965).
   Eigen::Vector3d smoothed(const Eigen::Vector3d& later, double dt, double q) const;
 };
 
@@ -43,8 +42,8 @@ struct AxisFilter {
 /// constant acceleration driven by white jerk.
 ///
 /// A pose is rejected if one of its innovations is outside the gate, or if the craft would be faster than
-/// params.most. After kMinPoses rejected poses that are consistent with each other the filter is wrong and has
-/// to restart. Stamp noise counts as position noise in proportion to the speed.
+/// params.most. After kMinPoses rejected poses that are consistent with each other the filter is wrong and
+/// has to restart. Stamp noise counts as position noise in proportion to the speed.
 class MotionFilter {
  public:
   enum class Pose { kStarts, kUsed, kRejected, kJumped };
@@ -71,6 +70,9 @@ class MotionFilter {
   /// Covariance of a pose measured now: the noise of x, y and psi, and of the stamp at this velocity.
   Matrix3<double> poseCovariance(const EstimatorParams& params) const;
 
+  /// Innovation of the last pose, used or not, and its expected variance.
+  const Vector3<double>& innovation() const { return innovation_; }
+  const Vector3<double>& innovationVariance() const { return innovation_variance_; }
   double stamp() const { return stamp_; }           ///< of the state [s]
   double usedStamp() const { return used_stamp_; }  ///< of the last used pose [s]
   const std::array<AxisFilter, 3>& axes() const { return axes_; }
@@ -84,6 +86,7 @@ class MotionFilter {
   bool contradicted(const Vector3<double>& eta, const EstimatorParams& params);
 
   std::array<AxisFilter, 3> axes_;
+  Vector3<double> innovation_ = Vector3<double>::Zero(), innovation_variance_ = Vector3<double>::Ones();
   double stamp_ = 0, used_stamp_ = 0;
   bool started_ = false;
   // Consecutive rejected poses that are consistent with each other:
