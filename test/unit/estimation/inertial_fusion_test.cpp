@@ -150,6 +150,24 @@ TEST_F(Fusion, NumbersThatAreNotFiniteDoNotCount) {
   expectAsWithout(found);
 }
 
+TEST_F(Fusion, NumbersThatOverflowAreRejected) {
+  const Result found = fly(mounted(), [](double t, Sample& s) {
+    if (t > 5 && t < 5.1) s.acceleration.x() = 1e300;
+    if (t > 10 && t < 10.1) s.gyro = -1e300;
+    return true;
+  });
+  EXPECT_EQ(found.status, "");
+  expectAsWithout(found);
+}
+
+TEST_F(Fusion, AScaleThatIsHalfWrongMakesNothingWorse) {
+  for (const double factor : {0.5, 1.5}) {
+    InertialMounting wrong = mounted();
+    wrong.acceleration_scale *= factor;
+    expectAsWithout(fly(wrong));
+  }
+}
+
 TEST_F(Fusion, AGyroThatSticksIsRejected) {
   const Result found = fly(mounted(), [](double t, Sample& s) {
     if (t > 8) s.gyro = 57;

@@ -8,8 +8,8 @@ namespace {
 
 constexpr double kSampleAge = 0.03;  // longest time without a sample before a pose [s]
 constexpr double kBiasMemory = 3;    // of biases [s]
-constexpr double kCompared = 0.2;    // over which distances are averaged [s]
-constexpr double kMostDistance = 6;  // mean squared distance of filters that agree
+constexpr double kCompared = 0.5;    // over which innovations are averaged [s]
+constexpr double kWorse = 1.25;      // largest mean squared innovation relative to that without the sensors
 constexpr double kGyroNoise = 4e-3,
                  kPushNoise = 0.1;       // of a sample, with what its bias leaves [rad/s], [m/s^2]
 constexpr double kMeanPushNoise = 0.05;  // of a mean between poses, whose bias is estimated [m/s^2]
@@ -29,7 +29,8 @@ void InertialFusion::restart() {
 
 void InertialFusion::stop(const char* why) {
   following_ = false;
-  agreed_ = learned_ = distance_ = 0;
+  agreed_ = learned_ = with_ = without_ = 0;
+  bias_.setZero();
   status_ = why;
 }
 
@@ -51,37 +52,28 @@ void InertialFusion::update(double stamp, const Vector3<double>& eta, const Moti
   const auto end = samples_.begin() + static_cast<std::ptrdiff_t>(count_);
   const auto later = std::find_if(samples_.begin(), end, [&](const Sample& s) { return s.stamp > stamp; });
   const bool fresh = later != samples_.begin() && stamp - (later - 1)->stamp < kSampleAge;
-  if (!fresh) stop("no sample for too long");
-  if (following_) {
-    for (auto sample = samples_.begin(); sample != later; ++sample) {
-      if (sample->stamp <= stamp_) continue;
-      motion_.predict(sample->stamp - stamp_, params);
-      stamp_ = sample->stamp;
-      correctBy(*sample);
-    }
+  for (auto sample = samples_.begin(); fresh && following_ && sample != later; ++sample) {
+    if (sample->stamp <= motion_.stamp()) continue;
+    motion_.predict(sample->stamp, params);
+    correctBy(*sample);
   }
   // The last one stays: there may be fewer samples than poses.
   const auto kept = later == samples_.begin() ? later : later - 1;
   count_ = static_cast<std::size_t>(std::copy(kept, end, samples_.begin()) - samples_.begin());
-  if (!fresh) return;
+  if (!fresh) return stop("no sample for too long");
   if (!following_) {
     motion_ = by_poses;
-    stamp_ = pose_stamp_ = stamp;
     beginSpan(stamp, measuredBy(samples_[0]));
     following_ = true;
     return;
   }
-  motion_.predict(std::max(stamp - stamp_, 0.0), params);
-  stamp_ = stamp;
-  if (!motion_.correct(eta, params) || !motion_.velocity().allFinite()) {
-    stop("they contradict the poses");
-    return;
-  }
-  endSpan(stamp, count_ > 1 ? &samples_[1] : nullptr);
-  const double dt = std::max(stamp - pose_stamp_, 0.0);
-  pose_stamp_ = stamp;
-  learnBias(by_poses, dt);
-  compare(by_poses, dt);
+  const MotionFilter::Pose pose = motion_.add(stamp, eta, params);
+  if (pose != MotionFilter::Pose::kUsed && pose != MotionFilter::Pose::kRejected)
+    return stop("they contradict the poses");
+  const double span = stamp - began_;
+  endSpan(stamp, span, count_ > 1 ? &samples_[1] : nullptr);
+  learnBias(by_poses, span);
+  compare(by_poses, span);
 }
 
 Vector3<double> InertialFusion::measuredBy(const Sample& sample) const {
@@ -95,79 +87,73 @@ Vector3<double> InertialFusion::measuredBy(const Sample& sample) const {
 
 void InertialFusion::correctBy(const Sample& sample) {
   const Vector3<double> measured = measuredBy(sample);
-  motion_.correctBy(2, 1, measured.z() + turn_bias_, kGyroNoise);
-  const Vector2<double> push = atMarkers(measured.head<2>());
+  motion_.correctBy(2, 1, measured.z() + bias_.z(), kGyroNoise);
   if (mounting_.acceleration_scale != 0) {
-    const Vector2<double> seen = bodyToWorld<double>(motion_.position().z(), push + bias_);
+    const double r = motion_.velocity().z();
+    const Vector2<double> push = measured.head<2>() + lever(r * r, motion_.acceleration().z());
+    const Vector2<double> seen = bodyToWorld<double>(motion_.position().z(), push + bias_.head<2>());
     for (int axis = 0; axis < 2; ++axis) motion_.correctBy(axis, 2, seen(axis), kPushNoise);
   }
   integrate(sample.stamp, measured);
-  turns_ += measured.z();
-  pushes_ += push;
-  ++summed_;
 }
 
 /// Integrates what is measured, as linear between the samples.
-void InertialFusion::integrate(double stamp, const Vector3<double>& felt) {
-  const double half = 0.5 * (stamp - felt_at_);
-  change_ += half * (felt_ + felt);
-  outward_ += half * (felt_.z() * felt_.z() + felt.z() * felt.z());
-  felt_ = felt;
-  felt_at_ = stamp;
+void InertialFusion::integrate(double stamp, const Vector3<double>& measured) {
+  const double half = 0.5 * (stamp - last_stamp_);
+  change_ += half * (last_ + measured);
+  outward_ += half * (last_.z() * last_.z() + measured.z() * measured.z());
+  last_ = measured;
+  last_stamp_ = stamp;
 }
 
 /// Makes measured_ of what was measured between two poses; `next`: the sample after the later one, if it has
 /// come.
-void InertialFusion::endSpan(double stamp, const Sample* next) {
-  Vector3<double> felt = felt_;
-  if (next) felt += (stamp - felt_at_) / (next->stamp - felt_at_) * (measuredBy(*next) - felt_);
-  integrate(stamp, felt);
+void InertialFusion::endSpan(double stamp, double span, const Sample* next) {
+  Vector3<double> now = last_;
+  if (next) now += (stamp - last_stamp_) / (next->stamp - last_stamp_) * (measuredBy(*next) - last_);
+  integrate(stamp, now);
   InertialMeasurement& measured = measured_.emplace();
-  measured.span = stamp - pose_stamp_;
-  const double turn = (felt.z() - began_rate_) / measured.span, outward = outward_ / measured.span;
-  const double x = mounting_.ahead, y = mounting_.starboard;
-  measured.acceleration =
-      change_.head<2>() / measured.span + Vector2<double>(outward * x + turn * y, outward * y - turn * x);
-  measured.yaw_rate = felt.z();
+  measured.span = span;
+  const double turn = (now.z() - began_rate_) / span, outward = outward_ / span;
+  measured.acceleration = change_.head<2>() / span + lever(outward, turn);
+  measured.yaw_rate = now.z();
   const double push = mounting_.acceleration_scale == 0 ? kNoSensor : kMeanPushNoise;
   measured.variance << push * push, push * push, kGyroNoise * kGyroNoise;
-  beginSpan(stamp, felt);
+  beginSpan(stamp, now);
 }
 
-void InertialFusion::beginSpan(double stamp, const Vector3<double>& felt) {
-  felt_at_ = stamp;
-  felt_ = felt;
-  began_rate_ = felt.z();
+void InertialFusion::beginSpan(double stamp, const Vector3<double>& measured) {
+  began_ = last_stamp_ = stamp;
+  last_ = measured;
+  began_rate_ = measured.z();
   change_.setZero();
   outward_ = 0;
 }
 
-Vector2<double> InertialFusion::atMarkers(const Vector2<double>& a) const {
-  const double r = motion_.velocity().z(), turn = motion_.acceleration().z();
+/// How the acceleration of the markers differs from the sensor's, by the squared yaw rate and its derivative.
+Vector2<double> InertialFusion::lever(double outward, double turn) const {
   const double x = mounting_.ahead, y = mounting_.starboard;
-  return {a.x() + r * r * x + turn * y, a.y() + r * r * y - turn * x};
+  return {outward * x + turn * y, outward * y - turn * x};
 }
 
 void InertialFusion::learnBias(const MotionFilter& by_poses, double dt) {
-  if (summed_ == 0) return;
   learned_ = std::min(learned_ + dt, kBiasMemory);
-  const double share = std::min(1.0, dt / std::max(learned_, 1e-3));
-  const Vector2<double> push =
-      worldToBody<double>(by_poses.position().z(), by_poses.acceleration().head<2>());
-  turn_bias_ += share * (by_poses.velocity().z() - turns_ / summed_ - turn_bias_);
-  bias_ += share * (push - pushes_ / summed_ - bias_);
-  turns_ = 0;
-  pushes_.setZero();
-  summed_ = 0;
+  Vector3<double> off;
+  off << worldToBody<double>(by_poses.position().z(), by_poses.acceleration().head<2>()),
+      by_poses.velocity().z();
+  off.head<2>() -= measured_->acceleration;
+  off.z() -= measured_->yaw_rate;
+  bias_ += std::min(1.0, dt / learned_) * (off - bias_);
 }
 
 void InertialFusion::compare(const MotionFilter& by_poses, double dt) {
-  const Vector3<double> away = motion_.velocity() - by_poses.velocity();
-  double distance = 0;
-  for (int axis = 0; axis < 3; ++axis)
-    distance += away(axis) * away(axis) / (3 * by_poses.axis(axis).P(1, 1));
-  distance_ += std::min(1.0, dt / kCompared) * (distance - distance_);
-  const bool near = distance_ < kMostDistance;
+  const double share = std::min(1.0, dt / kCompared);
+  const auto squared = [&](const MotionFilter& filter) {
+    return filter.innovation().cwiseAbs2().cwiseQuotient(by_poses.innovationVariance()).sum();
+  };
+  with_ += share * (squared(motion_) - with_);
+  without_ += share * (squared(by_poses) - without_);
+  const bool near = with_ <= kWorse * without_;
   agreed_ = near ? agreed_ + dt : 0;
   status_ = !near ? "they contradict the poses" : agrees() ? "" : "they are compared with the poses";
 }

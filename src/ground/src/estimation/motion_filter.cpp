@@ -1,26 +1,32 @@
 #include "ground/estimation/motion_filter.h"
 
-#include <algorithm>
+#include <Eigen/LU>
 #include <cmath>
 
 namespace ground {
+namespace {
 
-bool sameMotion(const Vector3<double>& from, const Vector3<double>& to, double dt, double times,
+constexpr double kUnknownMotion = 3.0;  // largest speed of a craft with unknown motion [usual ones]
+
+/// Whether a craft can move from one pose to the next within dt [s]. Headings are compared as angles.
+bool sameMotion(const Vector3<double>& from, const Vector3<double>& to, double dt,
                 const EstimatorParams& params) {
   for (int i = 0; i < 3; ++i) {
     const double step = i < 2 ? to(i) - from(i) : wrapAngle(to(i) - from(i));
     const double noise = params.gate * M_SQRT2 * params.noise(i);
-    if (std::abs(step) > noise + times * params.speed(i) * (dt + params.gate * params.stamp_noise))
+    if (std::abs(step) > noise + kUnknownMotion * params.speed(i) * (dt + params.gate * params.stamp_noise))
       return false;
   }
   return true;
 }
 
-Eigen::Matrix3d AxisFilter::transition(double dt) {
+Eigen::Matrix3d transition(double dt) {
   Eigen::Matrix3d F;
   F << 1, dt, dt * dt / 2, 0, 1, dt, 0, 0, 1;
   return F;
 }
+
+}  // namespace
 
 void AxisFilter::start(double position, double r, double usual_speed) {
   const double v = usual_speed, a = 3 * usual_speed;
@@ -37,8 +43,6 @@ void AxisFilter::predict(double dt, double q) {
   P = F * P * F.transpose() + q * Q;
 }
 
-void AxisFilter::correct(double innovation, double r) { correct(0, innovation, r); }
-
 void AxisFilter::correct(int i, double innovation, double r) {
   const Eigen::Vector3d K = P.col(i) / (P(i, i) + r);
   x += K * innovation;
@@ -46,34 +50,66 @@ void AxisFilter::correct(int i, double innovation, double r) {
   P = 0.5 * (P + P.transpose()).eval();
 }
 
-void MotionFilter::start(const Vector3<double>& eta, const EstimatorParams& params) {
+Eigen::Vector3d AxisFilter::smoothed(const Eigen::Vector3d& later, double dt, double q) const {
+  AxisFilter next = *this;
+  next.predict(dt, q);
+  const Eigen::Matrix3d gain = P * transition(dt).transpose() * next.P.inverse();
+  return x + gain * (later - next.x);
+}
+
+MotionFilter::Pose MotionFilter::add(double stamp, const Vector3<double>& eta,
+                                     const EstimatorParams& params) {
+  if (!leadsTo(stamp, params)) {
+    start(stamp, eta, params);
+    return Pose::kStarts;
+  }
+  predict(stamp, params);
+  if (!correct(eta, params)) return contradicted(eta, params) ? Pose::kJumped : Pose::kRejected;
+  used_stamp_ = stamp;
+  rejected_ = 0;
+  return Pose::kUsed;
+}
+
+void MotionFilter::start(double stamp, const Vector3<double>& eta, const EstimatorParams& params) {
   const double before = axes_[2].x(0);
   for (int i = 0; i < 3; ++i) {
     const double position = i < 2 ? eta(i) : before + wrapAngle(eta(2) - before);
     axes_[i].start(position, params.noise(i) * params.noise(i), params.speed(i));
   }
+  stamp_ = used_stamp_ = stamp;
+  started_ = true;
+  rejected_ = 0;
 }
 
-void MotionFilter::predict(double dt, const EstimatorParams& params) {
-  for (int i = 0; i < 3; ++i) axes_[i].predict(dt, params.jerk(i) * params.jerk(i));
+void MotionFilter::predict(double stamp, const EstimatorParams& params) {
+  for (int i = 0; i < 3; ++i) axes_[i].predict(stamp - stamp_, params.jerk(i) * params.jerk(i));
+  stamp_ = stamp;
 }
 
 bool MotionFilter::correct(const Vector3<double>& eta, const EstimatorParams& params) {
-  Vector3<double> innovation = eta - position(), r;
-  innovation(2) = wrapAngle(innovation(2));
+  innovation_ = eta - position();
+  innovation_(2) = wrapAngle(innovation_(2));
+  std::array<AxisFilter, 3> corrected = axes_;
+  bool sound = true;
   for (int i = 0; i < 3; ++i) {
     const double by_stamp = params.stamp_noise * axes_[i].x(1);
-    r(i) = params.noise(i) * params.noise(i) + by_stamp * by_stamp;
-    const double s = axes_[i].P(0, 0) + r(i);
-    if (innovation(i) * innovation(i) > params.gate * params.gate * s) return false;
+    const double r = params.noise(i) * params.noise(i) + by_stamp * by_stamp;
+    innovation_variance_(i) = axes_[i].P(0, 0) + r;
+    corrected[i].correct(0, innovation_(i), r);
+    sound = sound && innovation_(i) * innovation_(i) <= params.gate * params.gate * innovation_variance_(i) &&
+            std::abs(corrected[i].x(1)) <= params.most * params.speed(i);
   }
-  std::array<AxisFilter, 3> corrected = axes_;
-  for (int i = 0; i < 3; ++i) {
-    corrected[i].correct(innovation(i), r(i));
-    if (std::abs(corrected[i].x(1)) > params.most * params.speed(i)) return false;
-  }
-  axes_ = corrected;
-  return true;
+  if (sound) axes_ = corrected;
+  return sound;
+}
+
+/// Counts a rejected pose; returns whether there are enough that agree with each other.
+bool MotionFilter::contradicted(const Vector3<double>& eta, const EstimatorParams& params) {
+  const bool agrees = rejected_ > 0 && sameMotion(rejected_eta_, eta, stamp_ - rejected_stamp_, params);
+  rejected_ = agrees ? rejected_ + 1 : 1;
+  rejected_stamp_ = stamp_;
+  rejected_eta_ = eta;
+  return rejected_ >= kMinPoses;
 }
 
 Matrix3<double> MotionFilter::poseCovariance(const EstimatorParams& params) const {
@@ -83,20 +119,12 @@ Matrix3<double> MotionFilter::poseCovariance(const EstimatorParams& params) cons
   return covariance;
 }
 
-void IntervalScatter::add(double dt) {
-  const double clipped = count_ < kFirst ? dt : std::min(dt, kGap * mean_);
-  count_ = std::min(count_ + 1, kMemory);
-  mean_ += (clipped - mean_) / count_;
-  variance_ += ((clipped - mean_) * (clipped - mean_) - variance_) / count_;
-}
-
-double IntervalScatter::stampNoise() const { return std::sqrt(variance_ / 2); }
-
-bool JumpDetector::add(double stamp, const Vector3<double>& eta, const EstimatorParams& params) {
-  count_ = count_ > 0 && sameMotion(eta_, eta, stamp - stamp_, kUnknownMotion, params) ? count_ + 1 : 1;
-  stamp_ = stamp;
-  eta_ = eta;
-  return count_ >= kMinPoses;
+void bodyMotion(const Vector3<double>& velocity, const Vector3<double>& acceleration, double psi,
+                Vector3<double>& nu, Vector3<double>& nu_dot) {
+  const Vector2<double> v = velocity.head<2>(), a = acceleration.head<2>();
+  nu << worldToBody<double>(psi, v), velocity.z();
+  // d/dt (R' v) = R' a - r S R' v
+  nu_dot << worldToBody<double>(psi, a) + nu.z() * Vector2<double>(nu.y(), -nu.x()), acceleration.z();
 }
 
 }  // namespace ground

@@ -1,21 +1,17 @@
 #include "ground/estimation/smoother.h"
 
-#include <Eigen/LU>
 #include <array>
 #include <cmath>
 #include <stdexcept>
 #include <string>
 
-#include "ground/estimation/velocity_estimator.h"
-
 namespace ground {
 namespace {
 
-/// Result of the forward pass at a pose.
+/// The filter after a pose.
 struct Step {
-  MotionFilter predicted, filtered;
-  bool starts = false;  ///< the filter restarted here, without link to earlier poses
-  bool used = false;    ///< the pose was accepted
+  std::array<AxisFilter, 3> axes;
+  MotionFilter::Pose pose;
 };
 
 void check(const std::vector<double>& stamps, const Eigen::MatrixX3d& eta, const EstimatorParams& params) {
@@ -37,33 +33,13 @@ std::vector<Step> filterForward(const std::vector<double>& stamps, const Eigen::
                                 const EstimatorParams& params) {
   std::vector<Step> steps(stamps.size());
   MotionFilter filter;
-  JumpDetector jump;
-  double used_stamp = stamps.front();
-  for (std::size_t k = 0, start = 0; k < stamps.size(); ++k) {
-    if (stamps[k] - used_stamp > params.max_gap) start = k;
-    Step step;
-    step.starts = k == start;
-    if (step.starts) {
-      filter.start(eta.row(k), params);
-      step.predicted = filter;
-      step.used = true;
-    } else {
-      filter.predict(stamps[k] - stamps[k - 1], params);
-      step.predicted = filter;
-      step.used = filter.correct(eta.row(k), params);
-    }
-    step.filtered = filter;
-    steps[k] = step;
-    if (step.used) {
-      used_stamp = stamps[k];
-      jump.clear();
-    } else if (jump.add(stamps[k], eta.row(k), params)) {
-      // The craft jumped: filter again from the first pose after the jump.
-      start = k - JumpDetector::kMinPoses + 1;
-      k = start - 1;
-      used_stamp = stamps[start];
-      jump.clear();
-    }
+  for (std::size_t k = 0; k < stamps.size(); ++k) {
+    const MotionFilter::Pose pose = filter.add(stamps[k], eta.row(static_cast<Eigen::Index>(k)), params);
+    steps[k] = {filter.axes(), pose};
+    if (pose != MotionFilter::Pose::kJumped) continue;
+    // Filters again from the first pose after the jump.
+    filter.forget();
+    k -= MotionFilter::kMinPoses;
   }
   return steps;
 }
@@ -75,7 +51,7 @@ double scoreAndCorrect(AxisFilter& filter, double measured, double r, double out
   constexpr double kCap = 25;  // squared distance beyond which a measurement does not correct
   const double innovation = measured - filter.x(0), s = filter.P(0, 0) + r;
   const double distance = innovation * innovation / s;
-  if (distance < kCap) filter.correct(innovation, r);
+  if (distance < kCap) filter.correct(0, innovation, r);
   unreachable = distance < kCap || std::abs(innovation) < reach ? 0 : unreachable + 1;
   const double good = -0.5 * (distance + std::log(2 * M_PI * s));
   return std::max(good, outlier) + std::log1p(std::exp(-std::abs(good - outlier)));
@@ -104,7 +80,7 @@ double motionLikelihood(const std::vector<double>& stamps, const Eigen::VectorXd
   double reached = stamps[0];  // when a measurement was last within reach
   for (std::size_t k = 0; k < stamps.size(); ++k, ++since) {
     const double z = positions(static_cast<Eigen::Index>(k));
-    if (k == 0 || stamps[k] - stamps[k - 1] > max_gap || unreachable >= JumpDetector::kMinPoses) {
+    if (k == 0 || stamps[k] - stamps[k - 1] > max_gap || unreachable >= MotionFilter::kMinPoses) {
       filter.start(z, noise * noise, speed);
       since = unreachable = 0;
       reached = stamps[k];
@@ -132,16 +108,12 @@ SmoothedMotion smooth(const std::vector<double>& stamps, const Eigen::MatrixX3d&
   motion.starts.resize(count);
   std::array<Eigen::Vector3d, 3> x;  // position, velocity, acceleration of each axis
   for (Eigen::Index k = count - 1; k >= 0; --k) {
-    const bool ends = k == count - 1 || steps[k + 1].starts;
+    const bool ends = k == count - 1 || motion.starts[k + 1];
+    const double dt = ends ? 0 : stamps[k + 1] - stamps[k];
     for (int i = 0; i < 3; ++i) {
-      const AxisFilter& here = steps[k].filtered.axis(i);
-      if (ends) {
-        x[i] = here.x;
-      } else if (const double dt = stamps[k + 1] - stamps[k]; dt > 0) {
-        const AxisFilter& next = steps[k + 1].predicted.axis(i);
-        const Eigen::Matrix3d gain = here.P * AxisFilter::transition(dt).transpose() * next.P.inverse();
-        x[i] = here.x + gain * (x[i] - next.x);
-      }
+      const AxisFilter& here = steps[k].axes[i];
+      if (ends) x[i] = here.x;
+      if (dt > 0) x[i] = here.smoothed(x[i], dt, params.jerk(i) * params.jerk(i));
     }
     const auto row = [&x](int j) { return Vector3<double>(x[0](j), x[1](j), x[2](j)); };
     Vector3<double> nu, nu_dot;
@@ -149,8 +121,8 @@ SmoothedMotion smooth(const std::vector<double>& stamps, const Eigen::MatrixX3d&
     motion.eta.row(k) = row(0);
     motion.nu.row(k) = nu;
     motion.nu_dot.row(k) = nu_dot;
-    motion.used[k] = steps[k].used;
-    motion.starts[k] = steps[k].starts;
+    motion.used[k] = steps[k].pose != MotionFilter::Pose::kRejected;
+    motion.starts[k] = steps[k].pose == MotionFilter::Pose::kStarts;
   }
   return motion;
 }

@@ -12,12 +12,21 @@ constexpr double kBackwardJump = 1.0;  // an earlier stamp than this means that 
 
 }  // namespace
 
+void IntervalScatter::add(double dt) {
+  const double clipped = count_ < kFirst ? dt : std::min(dt, kGap * mean_);
+  count_ = std::min(count_ + 1, kMemory);
+  mean_ += (clipped - mean_) / count_;
+  variance_ += ((clipped - mean_) * (clipped - mean_) - variance_) / count_;
+}
+
+double IntervalScatter::stampNoise() const { return std::sqrt(variance_ / 2); }
+
 void VelocityEstimator::publish(const MotionFilter& motion) {
   estimate_.eta = motion.position();
   bodyMotion(motion.velocity(), motion.acceleration(), estimate_.eta.z(), estimate_.nu, estimate_.nu_dot);
   // A heading error rotates the velocity: (u, v) += (v, -u) d psi.
   const Vector2<double> turned(estimate_.nu.y(), -estimate_.nu.x());
-  const Eigen::Matrix3d &x = motion.axis(0).P, &y = motion.axis(1).P, &psi = motion.axis(2).P;
+  const Eigen::Matrix3d &x = motion.axes()[0].P, &y = motion.axes()[1].P, &psi = motion.axes()[2].P;
   estimate_.eta_covariance.diagonal() << x(0, 0), y(0, 0), psi(0, 0);
   Matrix3<double>& C = estimate_.nu_covariance;
   // x and y have the same model and noise, so rotation into the body frame preserves their mean.
@@ -28,14 +37,6 @@ void VelocityEstimator::publish(const MotionFilter& motion) {
   C(2, 2) = psi(1, 1);
 }
 
-void bodyMotion(const Vector3<double>& velocity, const Vector3<double>& acceleration, double psi,
-                Vector3<double>& nu, Vector3<double>& nu_dot) {
-  const Vector2<double> v = velocity.head<2>(), a = acceleration.head<2>();
-  nu << worldToBody<double>(psi, v), velocity.z();
-  // d/dt (R' v) = R' a - r S R' v
-  nu_dot << worldToBody<double>(psi, a) + nu.z() * Vector2<double>(nu.y(), -nu.x()), acceleration.z();
-}
-
 const MotionFilter& VelocityEstimator::withSensors(double stamp, const Vector3<double>& eta) {
   inertial_.update(stamp, eta, filter_, params_);
   return inertial_.agrees() ? inertial_.motion() : filter_;
@@ -43,7 +44,7 @@ const MotionFilter& VelocityEstimator::withSensors(double stamp, const Vector3<d
 
 void VelocityEstimator::reset() {
   accepted_ = rejected_ = 0;
-  jump_.clear();
+  filter_.forget();
   inertial_.restart();
   estimate_ = StateEstimate();
 }
@@ -59,34 +60,29 @@ const StateEstimate& VelocityEstimator::reject(const char* why) {
 
 const StateEstimate& VelocityEstimator::update(double stamp, const Vector3<double>& eta) {
   if (!std::isfinite(stamp) || !eta.allFinite()) return reject("the pose is not finite");
-  const double dt = stamp - stamp_;
-  bool fresh = accepted_ == 0 || stamp - used_stamp_ > params_.max_gap || dt < -kBackwardJump;
-  if (!fresh && dt <= 0) {
+  const double dt = stamp - filter_.stamp();
+  if (dt < -kBackwardJump) filter_.forget();
+  const bool leads = filter_.leadsTo(stamp, params_);
+  if (leads && dt <= 0) {
     estimate_.used = false;
     estimate_.ignored = true;
     return estimate_;
   }
-  stamp_ = stamp;
-  if (!fresh) scatter_.add(dt);
+  if (leads) scatter_.add(dt);
   params_ = given_;
   params_.stamp_noise = std::max(given_.stamp_noise, scatter_.stampNoise());
-  if (!fresh) {
-    filter_.predict(dt, params_);
-    const bool accepted = filter_.correct(eta, params_);
-    publish(accepted ? withSensors(stamp, eta) : filter_);
-    fresh = !accepted && jump_.add(stamp, eta, params_);
-    if (!accepted && !fresh) return reject("the pose jumped");
-  }
-  if (fresh) {
+  const MotionFilter::Pose pose = filter_.add(stamp, eta, params_);
+  const bool used = pose == MotionFilter::Pose::kUsed;
+  publish(used ? withSensors(stamp, eta) : filter_);
+  if (pose == MotionFilter::Pose::kRejected) return reject("the pose jumped");
+  if (!used) {
+    if (pose == MotionFilter::Pose::kJumped) filter_.start(stamp, eta, params_);
     accepted_ = rejected_ = 0;
-    filter_.start(eta, params_);
     inertial_.restart();
     publish(filter_);
   }
   ++accepted_;
-  used_stamp_ = stamp;
   rejected_ = std::max(rejected_ - 1, 0);
-  jump_.clear();
   estimate_.pose = {eta, filter_.poseCovariance(params_), inertial_.measurement()};
   estimate_.used = true;
   estimate_.ignored = false;

@@ -19,12 +19,13 @@ struct InertialMounting {
   double delay = 0;                 ///< of the samples after the poses [s]
 };
 
-/// Velocities from poses and the craft's gyro and accelerometer, beside the filter that has the poses alone.
+/// The motion by poses and the craft's gyro and accelerometer: a second MotionFilter, which takes the
+/// samples, too.
 ///
-/// The filter of the poses decides alone whether a state is valid. It also gives the sensors' biases, as
-/// what makes them agree with it over seconds. Its velocities replace these after a second in which the
-/// two agree within its own uncertainty, and at once when they do not, or samples are missing. No allocation
-/// after construction.
+/// The filter of the poses alone decides whether a state is valid. It also gives the sensors' biases: what
+/// makes them agree with it over seconds. Its velocities are replaced while the sensors do not make the
+/// predictions of poses worse, after a second of that; at once no longer when they do, or when samples are
+/// missing. No allocation after construction.
 class InertialFusion {
  public:
   void setMounting(const InertialMounting& mounting);
@@ -54,33 +55,28 @@ class InertialFusion {
   /// Acceleration of the sensor ahead and to starboard, and yaw rate, with their biases.
   Vector3<double> measuredBy(const Sample& sample) const;
   void correctBy(const Sample& sample);
-  void integrate(double stamp, const Vector3<double>& felt);
-  void beginSpan(double stamp, const Vector3<double>& felt);
-  void endSpan(double stamp, const Sample* next);
+  void integrate(double stamp, const Vector3<double>& measured);
+  void beginSpan(double stamp, const Vector3<double>& measured);
+  void endSpan(double stamp, double span, const Sample* next);
   void learnBias(const MotionFilter& by_poses, double dt);
   void compare(const MotionFilter& by_poses, double dt);
-  Vector2<double> atMarkers(const Vector2<double>& acceleration) const;
+  Vector2<double> lever(double outward, double turn) const;
 
   InertialMounting mounting_;
   std::array<Sample, 64> samples_{};
   std::size_t count_ = 0;
   MotionFilter motion_;
   bool following_ = false;
-  double stamp_ = 0, pose_stamp_ = 0;  ///< of motion_ and of the last pose [s]
-  double agreed_ = 0;                  ///< time since the filters disagreed [s]
-  double learned_ = 0;                 ///< time over which biases were learned [s]
-  double distance_ = 0;   ///< mean squared distance of the filters in the last moments, per component
-  double turn_bias_ = 0;  ///< [rad/s]
-  Vector2<double> bias_ = Vector2<double>::Zero();  ///< body [m/s^2]
-  // Sums over the samples since the last pose:
-  double turns_ = 0;
-  Vector2<double> pushes_ = Vector2<double>::Zero();
-  int summed_ = 0;
-  // Of measuredBy():
-  Vector3<double> felt_ = Vector3<double>::Zero();    ///< at the time felt_at_
-  Vector3<double> change_ = Vector3<double>::Zero();  ///< integral from the last pose to felt_at_
+  double agreed_ = 0;                               ///< time since the sensors made predictions worse [s]
+  double learned_ = 0;                              ///< time over which biases were learned [s]
+  double with_ = 0, without_ = 0;                   ///< mean squared innovation of poses in the last moments
+  Vector3<double> bias_ = Vector3<double>::Zero();  ///< body [m/s^2, m/s^2, rad/s]
+  // What measuredBy() gave since the last pose, whose stamp is began_ [s]:
+  double began_ = 0, began_rate_ = 0;                 ///< yaw rate at the pose [rad/s]
+  Vector3<double> last_ = Vector3<double>::Zero();    ///< at last_stamp_
+  double last_stamp_ = 0;                             ///< [s]
+  Vector3<double> change_ = Vector3<double>::Zero();  ///< integral up to last_stamp_
   double outward_ = 0;                                ///< integral of the yaw rate's square
-  double felt_at_ = 0, began_rate_ = 0;               ///< [s]; yaw rate at the last pose [rad/s]
   std::optional<InertialMeasurement> measured_;       ///< up to the last pose
   const char* status_ = "no samples yet";
 };

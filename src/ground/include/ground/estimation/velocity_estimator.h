@@ -13,12 +13,29 @@ struct StateEstimate {
   Vector3<double> nu_dot = Vector3<double>::Zero();  ///< time derivatives of nu, body
   Matrix3<double> eta_covariance = Matrix3<double>::Zero();
   Matrix3<double> nu_covariance = Matrix3<double>::Zero();
-  PoseMeasurement
-      pose;           ///< the pose itself, if it was used, and what the sensors measured since the last one
-  bool used = false;  ///< the pose was used
+  /// The pose itself, if it was used, and what the sensors measured since the last one.
+  PoseMeasurement pose;
+  bool used = false;                   ///< the pose was used
   bool ignored = false;                ///< the pose was ignored: its stamp is repeated or late
   bool valid = false;                  ///< enough poses were used, few enough rejected
   const char* status = "no pose yet";  ///< why not used, or why not valid; empty if valid
+};
+
+/// Estimates the noise of stamps from the scatter of the intervals between them. Cameras expose at
+/// a constant rate, but a client that polls them stamps a frame when it fetches it.
+class IntervalScatter {
+ public:
+  void add(double dt);
+  /// Standard deviation of one stamp [s].
+  double stampNoise() const;
+
+ private:
+  static constexpr int kFirst = 20;    // intervals that are all accepted
+  static constexpr int kMemory = 200;  // intervals
+  static constexpr double kGap = 1.7;  // relative to the mean; longer intervals have lost frames
+
+  int count_ = 0;
+  double mean_ = 0, variance_ = 0;  // [s], [s^2]
 };
 
 /// Estimates velocities from poses and their stamps by a Kalman filter of MotionFilter's model.
@@ -54,17 +71,10 @@ class VelocityEstimator {
   StateEstimate estimate_;
   EstimatorParams given_;
   IntervalScatter scatter_;
-  double stamp_ = 0;       ///< stamp of the last pose, used or not [s]
-  double used_stamp_ = 0;  ///< stamp of the last used pose [s]
-  int accepted_ = 0;       ///< number of used poses since the start
-  int rejected_ = 0;       ///< number of rejected poses minus those used since; at least 0
-  JumpDetector jump_;
+  int accepted_ = 0;  ///< number of used poses since the start
+  int rejected_ = 0;  ///< number of rejected poses minus those used since; at least 0
   MotionFilter filter_;
   InertialFusion inertial_;
 };
-
-/// Body velocities and their time derivatives from the motion in the world frame.
-void bodyMotion(const Vector3<double>& velocity, const Vector3<double>& acceleration, double psi,
-                Vector3<double>& nu, Vector3<double>& nu_dot);
 
 }  // namespace ground
