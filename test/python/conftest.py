@@ -139,12 +139,18 @@ def process(name, *arguments):
     )
 
 
-@pytest.fixture
-def recordings():
-    """Stamps (names) of the real recordings; skips the test if they are missing."""
+@pytest.fixture(scope="session")
+def real_bags(tmp_path_factory):
+    """Bags of the real recordings by their stamps, imported once; skips the test if they are missing."""
     if not SHARED.is_dir():
         pytest.skip("the real recordings of 2019 are missing beside the workspace")
-    return sorted(p.stem[len("pose_") :] for p in SHARED.glob("pose_*.csv"))
+    folder, bags = tmp_path_factory.mktemp("real"), {}
+    for pose in sorted(SHARED.glob("pose_*.csv")):
+        stamp = pose.stem[len("pose_") :]
+        bags[stamp] = folder / (stamp + ".bag")
+        result = identify("import", SHARED / ("controls_%s.csv" % stamp), pose, "-o", bags[stamp])
+        assert result.returncode == 0, result.stderr
+    return bags
 
 
 def simulate_run(duration=8.0, seed=1, noise=1.0, model=MODEL, strength=1.0, nu=(0, 0, 0)):

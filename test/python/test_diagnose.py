@@ -9,7 +9,7 @@ import yaml
 
 import ground
 import mistakes
-from conftest import MODEL, SHARED, identify, schema, slow, with_effect, write_bag
+from conftest import MODEL, identify, schema, slow, with_effect, write_bag
 from ground import _core
 from ground.analysis import candidates
 from ground.diagnosing import answer, next_experiment
@@ -52,14 +52,9 @@ def whole(tmp_path_factory, lagging):
     return out, result.stdout
 
 
-def bags_of_day(folder, recordings, day):
-    """Bags of the real recordings of a day."""
-    bags = []
-    for stamp in [s for s in recordings if s.startswith(day)]:
-        bags.append(folder / (stamp + ".bag"))
-        files = [SHARED / ("%s_%s.csv" % (kind, stamp)) for kind in ("controls", "pose")]
-        assert identify("import", *files, "-o", bags[-1]).returncode == 0
-    return bags
+def of_day(bags, day):
+    """The real recordings of a day."""
+    return [bag for stamp, bag in bags.items() if stamp.startswith(day)]
 
 
 @pytest.fixture
@@ -138,9 +133,9 @@ def test_an_improvement_is_that_over_what_a_fit_reaches(tmp_path, lagging, unpla
 
 
 @slow
-def test_an_improvement_on_real_runs_is_that_over_what_a_fit_reaches(tmp_path, recordings, unplanned):
+def test_an_improvement_on_real_runs_is_that_over_what_a_fit_reaches(real_bags, unplanned):
     """These runs differ from one another, too; estimates of what differs may help a fit."""
-    bags = bags_of_day(tmp_path, recordings, "2019-04-16")
+    bags = of_day(real_bags, "2019-04-16")
     found = ground.diagnose(MODEL, bags, only=["motor_lag"])
     assert found.error[-1] < found.error[0] <= ground.fit(MODEL, bags).error.heldout * 1.001
 
@@ -339,8 +334,8 @@ def test_bad_options_are_named(tmp_path, options, words):
 
 
 @slow
-def test_real_runs_of_one_day(tmp_path, recordings, unplanned):
-    bags = bags_of_day(tmp_path, recordings, "2019-04-11")
+def test_real_runs_of_one_day(tmp_path, real_bags, unplanned):
+    bags = of_day(real_bags, "2019-04-11")
     options = ["--only", "heading_offset", "motor_lag", "floor_tilt", "body_force_bias"]
     result = diagnose(*bags, "--model", MODEL, "-o", tmp_path / "out", *options)
     assert result.returncode == 0, result.stderr
