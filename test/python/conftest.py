@@ -86,11 +86,7 @@ def diagnosed(flown):
 def identify(*arguments):
     """Runs the tool as a user does, and validates the JSON file that it writes."""
     result = program("identify", *arguments)
-    files = {
-        ("compare",): "compare.json",
-        ("diagnose",): "diagnosis.json",
-        ("history",): "history.json",
-    }
+    files = {("compare",): "compare.json", ("diagnose",): "diagnosis.json", ("history",): "history.json"}
     written = files.get(arguments[:1])
     if written and result.returncode == 0 and "-o" in arguments:
         path = pathlib.Path(str(arguments[arguments.index("-o") + 1])) / written
@@ -218,10 +214,7 @@ def write_bag(path, start=1000.0, change=None, **options):
     if change:
         times, eta, inputs = change(times, eta, inputs)
     with rosbag.Bag(str(path), "w") as bag:
-        for topic, stamps, rows in (
-            ("pose", times, eta),
-            ("controls", inputs[:, 0], inputs[:, 1:]),
-        ):
+        for topic, stamps, rows in (("pose", times, eta), ("controls", inputs[:, 0], inputs[:, 1:])):
             received = genpy.Time.from_sec(start)  # a recorder's clock never jumps back
             for stamp, row in zip(stamps, rows):
                 message = PointStamped()

@@ -348,11 +348,7 @@ def test_real_runs_of_one_day(tmp_path, real_bags, unplanned):
 
 
 @pytest.mark.parametrize(
-    "delay, seed, duration, verdict",
-    [
-        (0.001, 4, 30, "complete"),
-        (0.01, 1, 10, "missing"),
-    ],
+    "delay, seed, duration, verdict", [(0.001, 4, 30, "complete"), (0.01, 1, 10, "missing")]
 )
 def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(tmp_path, delay, seed, duration, verdict):
     from ground import _core
@@ -386,10 +382,7 @@ SOME = ["--only", "thrust_asymmetry", "thrust_misalignment", "yaw_bias", "motor_
 
 @pytest.mark.parametrize(
     "change, kind, options",
-    [
-        (mistakes.swapped, "swap", {}),
-        (mistakes.nothing, "dead", {"dead": 1}),
-    ],
+    [(mistakes.swapped, "swap", {}), (mistakes.nothing, "dead", {"dead": 1})],
     ids=["swap", "dead"],
 )
 def test_misread_recordings_are_not_diagnosed_as_missing_effects(change, kind, options, tmp_path):
@@ -427,13 +420,7 @@ def test_what_was_misread_can_be_diagnosed_as_it_is(tmp_path, unplanned):
     assert [c["effect"] for c in report["candidates"]] == ["motor_lag"]
 
 
-@pytest.mark.parametrize(
-    "parameter, value",
-    [
-        ("thrust_asymmetry.a", 0.25),
-        ("yaw_bias.n0", 4e-4),
-    ],
-)
+@pytest.mark.parametrize("parameter, value", [("thrust_asymmetry.a", 0.25), ("yaw_bias.n0", 4e-4)])
 def test_a_strong_effect_is_missing_and_not_misread(parameter, value, tmp_path, unplanned):
     options = written(tmp_path, mistakes.nothing, effects={parameter: value})
     report = json.loads(diagnose(*options, *SOME, "-o", tmp_path / "out").stdout)
