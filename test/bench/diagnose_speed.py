@@ -25,10 +25,7 @@ HIDDEN = {
     "nothing": [],
     "motor_lag": [{"name": "motor_lag", "tau": 0.02}],
     "floor_tilt": [{"name": "floor_tilt", "sx": 0.0066, "sy": 0.005}],
-    "yaw_bias, input_delay": [
-        {"name": "yaw_bias", "n0": 2e-5},
-        {"name": "input_delay", "delay": 0.01},
-    ],
+    "yaw_bias, input_delay": [{"name": "yaw_bias", "n0": 2e-5}, {"name": "input_delay", "delay": 0.01}],
     "motor_lag, thrust_asymmetry, com_offset": [
         {"name": "motor_lag", "tau": 0.01},
         {"name": "thrust_asymmetry", "a": 0.015},

@@ -31,7 +31,7 @@ def main():
     ]
     commands += [
         [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-s", "-q"]
-        + [os.path.join(ROOT, "test", "python", name) for name in ("test_faults.py", "test_starved.py")],
+        + [os.path.join(ROOT, "test", "python", name) for name in ("test_faults.py", "test_starved.py")]
     ]
     table, failed = {}, 0
     for number in range(rounds):

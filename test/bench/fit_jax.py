@@ -110,9 +110,7 @@ def make_fit(problem):
             better = tried < cost
             worse = jnp.where(better, damping, damping * 8)
             done = jnp.where(
-                better,
-                cost - tried < 1e-10 * cost,
-                (worse > 1e12) | (tried - cost <= 1e-10 * cost),
+                better, cost - tried < 1e-10 * cost, (worse > 1e12) | (tried - cost <= 1e-10 * cost)
             )
             taken = trial, tried, trial_A, trial_b, jnp.maximum(damping / 8, 1e-12)
             kept = x, cost, A, b, worse

@@ -52,11 +52,7 @@ OUTSIDE = {
     ),
     "spin-surge side force": ({"Y": "a*r*u"}, {"a": 0.0024}, {"velocity"}),
     "cubic yaw damping": ({"N": "-a*r^3"}, {"a": 2e-7}, {"velocity"}),
-    "thruster cross-talk": (
-        {"X": "-2*a*u_L*u_R"},
-        {"a": 0.012},
-        {"command"},
-    ),
+    "thruster cross-talk": ({"X": "-2*a*u_L*u_R"}, {"a": 0.012}, {"command"}),
 }
 LOOK_ALIKES = [
     {"input_delay", "motor_lag"},

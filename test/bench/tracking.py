@@ -18,12 +18,7 @@ from ground import _core  # noqa: E402
 from ground.simulation import gains, tracking, tuning  # noqa: E402
 from ground.support import files  # noqa: E402
 
-REFERENCES = {
-    "circle": dict(rate_of_turn=0.63),
-    "sinusoid": {},
-    "rhodonea": {},
-    "line": {},
-}
+REFERENCES = {"circle": dict(rate_of_turn=0.63), "sinusoid": {}, "rhodonea": {}, "line": {}}
 CONTROLLERS = [
     ("backstepping (4.11)", "TrajectoryTracking", "thesis_4_11.yaml"),
     ("backstepping (4.12)", "TrajectoryTracking", "thesis_4_12.yaml"),
@@ -53,10 +48,7 @@ def tables(model, starts, seed):
                 max_error=np.inf,
             )
             yield dict(
-                tracking.pooled(runs),
-                controller=label,
-                reference=cell.reference,
-                condition=cell.condition,
+                tracking.pooled(runs), controller=label, reference=cell.reference, condition=cell.condition
             )
 
 

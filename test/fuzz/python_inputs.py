@@ -137,14 +137,7 @@ def short_bag():
 
 def options(data):
     provider = atheris.FuzzedDataProvider(data)
-    words = [
-        "diagnose",
-        short_bag(),
-        "--model",
-        ROOT + "/cfg/hovercraft/tiny_whoover.yaml",
-        "-o",
-        "out",
-    ]
+    words = ["diagnose", short_bag(), "--model", ROOT + "/cfg/hovercraft/tiny_whoover.yaml", "-o", "out"]
     while provider.remaining_bytes() > 0 and len(words) < 12:
         if provider.ConsumeBool():
             words.append(provider.PickValueInList(OPTIONS))

@@ -86,11 +86,7 @@ def diagnosed(flown):
 def identify(*arguments):
     """Runs the tool as a user does, and validates the JSON file that it writes."""
     result = program("identify", *arguments)
-    files = {
-        ("compare",): "compare.json",
-        ("diagnose",): "diagnosis.json",
-        ("history",): "history.json",
-    }
+    files = {("compare",): "compare.json", ("diagnose",): "diagnosis.json", ("history",): "history.json"}
     written = files.get(arguments[:1])
     if written and result.returncode == 0 and "-o" in arguments:
         path = pathlib.Path(str(arguments[arguments.index("-o") + 1])) / written
@@ -139,12 +135,18 @@ def process(name, *arguments):
     )
 
 
-@pytest.fixture
-def recordings():
-    """Stamps (names) of the real recordings; skips the test if they are missing."""
+@pytest.fixture(scope="session")
+def real_bags(tmp_path_factory):
+    """Bags of the real recordings by their stamps, imported once; skips the test if they are missing."""
     if not SHARED.is_dir():
         pytest.skip("the real recordings of 2019 are missing beside the workspace")
-    return sorted(p.stem[len("pose_") :] for p in SHARED.glob("pose_*.csv"))
+    folder, bags = tmp_path_factory.mktemp("real"), {}
+    for pose in sorted(SHARED.glob("pose_*.csv")):
+        stamp = pose.stem[len("pose_") :]
+        bags[stamp] = folder / (stamp + ".bag")
+        result = identify("import", SHARED / ("controls_%s.csv" % stamp), pose, "-o", bags[stamp])
+        assert result.returncode == 0, result.stderr
+    return bags
 
 
 def simulate_run(duration=8.0, seed=1, noise=1.0, model=MODEL, strength=1.0, nu=(0, 0, 0)):
@@ -212,10 +214,7 @@ def write_bag(path, start=1000.0, change=None, **options):
     if change:
         times, eta, inputs = change(times, eta, inputs)
     with rosbag.Bag(str(path), "w") as bag:
-        for topic, stamps, rows in (
-            ("pose", times, eta),
-            ("controls", inputs[:, 0], inputs[:, 1:]),
-        ):
+        for topic, stamps, rows in (("pose", times, eta), ("controls", inputs[:, 0], inputs[:, 1:])):
             received = genpy.Time.from_sec(start)  # a recorder's clock never jumps back
             for stamp, row in zip(stamps, rows):
                 message = PointStamped()

@@ -4,16 +4,7 @@ import math
 
 from conftest import MODEL
 from ground.discovery import story as tale
-from ground.discovery.story import (
-    Belief,
-    Confirmation,
-    Finding,
-    Flight,
-    Flown,
-    Story,
-    TrackingCheck,
-    Version,
-)
+from ground.discovery.story import Belief, Confirmation, Finding, Flight, Flown, Story, TrackingCheck, Version
 
 EFFECTS = ["motor_lag", "input_delay", "wind", "floor_tilt", "quadratic_drag", "yaw_bias", "coulomb_friction"]
 INPUTS = "time,left,right,lift\n0,0,0,1\n1,0.8,0.2,1\n2,0.1,1,1\n3,0.5,0.5,1\n4,0,0,0\n"

@@ -42,10 +42,7 @@ def steered(name, held, duration, noise, sign, seed=1):
 
 @pytest.mark.parametrize(
     "craft",
-    [
-        ("one_fan_rudder.yaml", 0.5, 60.0, (5e-4, 5e-3)),
-        ("propeller_ship.yaml", 40.0, 3000.0, (0.02, 2e-3)),
-    ],
+    [("one_fan_rudder.yaml", 0.5, 60.0, (5e-4, 5e-3)), ("propeller_ship.yaml", 40.0, 3000.0, (0.02, 2e-3))],
     ids=["hovercraft", "ship"],
 )
 def test_the_wrong_sign_of_a_rudder_is_named(craft):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from conftest import MODEL, SHARED, identify, slow, write_bag
+from conftest import MODEL, identify, slow, write_bag
 
 
 def model_with(path, effects):
@@ -187,16 +187,11 @@ def test_bad_input_is_refused_with_one_sentence(tmp_path):
 
 
 @slow
-def test_the_two_days_of_the_real_recordings(tmp_path, recordings):
-    bags = {}
-    for stamp in recordings:
-        bags[stamp] = tmp_path / (stamp + ".bag")
-        pair = [SHARED / ("%s_%s.csv" % (kind, stamp)) for kind in ("controls", "pose")]
-        assert identify("import", *pair, "-o", bags[stamp]).returncode == 0
+def test_the_two_days_of_the_real_recordings(tmp_path, real_bags):
     fitted = tmp_path / "fitted.yaml"
-    second = [b for s, b in bags.items() if s.startswith("2019-04-16")]
+    second = [b for s, b in real_bags.items() if s.startswith("2019-04-16")]
     assert identify("fit", *second, "--model", MODEL, "-o", fitted).returncode == 0
-    report = compare(tmp_path / "out", bags.values(), fitted)
+    report = compare(tmp_path / "out", real_bags.values(), fitted)
     for run in report["runs"]:
         one = run["models"]["fitted"]
         first_day = run["name"].startswith("2019-04-11")

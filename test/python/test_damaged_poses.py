@@ -12,7 +12,6 @@ import pytest
 import ground
 from conftest import MODEL, ROOT, SHARED
 from ground.checks.quality import RepairedRun
-from ground.data import import_csv
 from ground.support.errors import GroundError
 
 DATA = ROOT.parent / "shared" / "data"
@@ -24,13 +23,9 @@ STEP = 1e-3  # of the flights [s]
 
 
 @pytest.fixture(scope="module")
-def real(tmp_path_factory):
+def real(real_bags):
     """Real recordings of the thesis's craft, of its successor with four thrusters, and of a free-flyer."""
-    runs, folder = [], tmp_path_factory.mktemp("bags")
-    for pose in sorted(SHARED.glob("pose_*.csv")):
-        bag = folder / (pose.stem + ".bag")
-        import_csv.write_bag(str(pose).replace("pose_", "controls_"), str(pose), str(bag))
-        runs += ground.read(bag)
+    runs = [run for bag in real_bags.values() for run in ground.read(bag)]
     runs += ground.read(DATA / "epfl_2019_12", mapping=ROOT / "cfg/mapping/four_thrusters.yaml")
     flyer = DATA / "others" / "stanford_freeflyer"
     runs += ground.read(sorted(flyer.glob("csv/exp_pd*")), mapping=flyer / "mapping_csv.yaml")

@@ -9,7 +9,7 @@ import yaml
 
 import ground
 import mistakes
-from conftest import MODEL, SHARED, identify, schema, slow, with_effect, write_bag
+from conftest import MODEL, identify, schema, slow, with_effect, write_bag
 from ground import _core
 from ground.diagnosing import answer, next_experiment
 from ground.support.errors import GroundError
@@ -51,14 +51,9 @@ def whole(tmp_path_factory, lagging):
     return out, result.stdout
 
 
-def bags_of_day(folder, recordings, day):
-    """Bags of the real recordings of a day."""
-    bags = []
-    for stamp in [s for s in recordings if s.startswith(day)]:
-        bags.append(folder / (stamp + ".bag"))
-        files = [SHARED / ("%s_%s.csv" % (kind, stamp)) for kind in ("controls", "pose")]
-        assert identify("import", *files, "-o", bags[-1]).returncode == 0
-    return bags
+def of_day(bags, day):
+    """The real recordings of a day."""
+    return [bag for stamp, bag in bags.items() if stamp.startswith(day)]
 
 
 @pytest.fixture
@@ -137,9 +132,9 @@ def test_an_improvement_is_that_over_what_a_fit_reaches(tmp_path, lagging, unpla
 
 
 @slow
-def test_an_improvement_on_real_runs_is_that_over_what_a_fit_reaches(tmp_path, recordings, unplanned):
+def test_an_improvement_on_real_runs_is_that_over_what_a_fit_reaches(real_bags, unplanned):
     """These runs differ from one another, too; estimates of what differs may help a fit."""
-    bags = bags_of_day(tmp_path, recordings, "2019-04-16")
+    bags = of_day(real_bags, "2019-04-16")
     found = ground.diagnose(MODEL, bags, only=["motor_lag"])
     assert found.error[-1] < found.error[0] <= ground.fit(MODEL, bags).error.heldout * 1.001
 
@@ -338,8 +333,8 @@ def test_bad_options_are_named(tmp_path, options, words):
 
 
 @slow
-def test_real_runs_of_one_day(tmp_path, recordings, unplanned):
-    bags = bags_of_day(tmp_path, recordings, "2019-04-11")
+def test_real_runs_of_one_day(tmp_path, real_bags, unplanned):
+    bags = of_day(real_bags, "2019-04-11")
     options = ["--only", "heading_offset", "motor_lag", "floor_tilt", "body_force_bias"]
     result = diagnose(*bags, "--model", MODEL, "-o", tmp_path / "out", *options)
     assert result.returncode == 0, result.stderr
@@ -352,11 +347,7 @@ def test_real_runs_of_one_day(tmp_path, recordings, unplanned):
 
 
 @pytest.mark.parametrize(
-    "delay, seed, duration, verdict",
-    [
-        (0.001, 4, 30, "complete"),
-        (0.01, 1, 10, "missing"),
-    ],
+    "delay, seed, duration, verdict", [(0.001, 4, 30, "complete"), (0.01, 1, 10, "missing")]
 )
 def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(tmp_path, delay, seed, duration, verdict):
     from ground import _core
@@ -392,10 +383,7 @@ SOME = ["--only", "thrust_asymmetry", "thrust_misalignment", "yaw_bias", "motor_
 
 @pytest.mark.parametrize(
     "change, kind, options",
-    [
-        (mistakes.swapped, "swap", {}),
-        (mistakes.nothing, "dead", {"dead": 1}),
-    ],
+    [(mistakes.swapped, "swap", {}), (mistakes.nothing, "dead", {"dead": 1})],
     ids=["swap", "dead"],
 )
 def test_misread_recordings_are_not_diagnosed_as_missing_effects(change, kind, options, tmp_path):
@@ -433,13 +421,7 @@ def test_what_was_misread_can_be_diagnosed_as_it_is(tmp_path, unplanned):
     assert [c["effect"] for c in report["candidates"]] == ["motor_lag"]
 
 
-@pytest.mark.parametrize(
-    "parameter, value",
-    [
-        ("thrust_asymmetry.a", 0.25),
-        ("yaw_bias.n0", 4e-4),
-    ],
-)
+@pytest.mark.parametrize("parameter, value", [("thrust_asymmetry.a", 0.25), ("yaw_bias.n0", 4e-4)])
 def test_a_strong_effect_is_missing_and_not_misread(parameter, value, tmp_path, unplanned):
     options = written(tmp_path, mistakes.nothing, effects={parameter: value})
     report = json.loads(diagnose(*options, *SOME, "-o", tmp_path / "out").stdout)

@@ -154,13 +154,7 @@ def forecast(model=None, **changes):
 
 
 def play(
-    rows=((0, 1, 1, 1),),
-    duration=1.0,
-    eta=(0, 0, 0),
-    nu=(0, 0, 0),
-    params=None,
-    model=None,
-    disturbance=None,
+    rows=((0, 1, 1, 1),), duration=1.0, eta=(0, 0, 0), nu=(0, 0, 0), params=None, model=None, disturbance=None
 ):
     return _core.play_schedule(
         model or craft(),
@@ -349,13 +343,7 @@ def cases_of_names():
 
 CASES = dict(
     pair
-    for make in (
-        cases_of_runs,
-        cases_of_models,
-        cases_of_indices,
-        cases_of_numbers,
-        cases_of_names,
-    )
+    for make in (cases_of_runs, cases_of_models, cases_of_indices, cases_of_numbers, cases_of_names)
     for pair in make()
 )
 

@@ -200,10 +200,7 @@ def test_an_unusable_path_is_one_line(here, capsys, monkeypatch):
     [
         (MemoryError(), "memory"),
         (KeyboardInterrupt(), "interrupted"),
-        (
-            OSError(28, "No space left on device", "there/x"),
-            "there/x: No space left on device; make",
-        ),
+        (OSError(28, "No space left on device", "there/x"), "there/x: No space left on device; make"),
         (ZeroDivisionError("some\ndefect"), "unexpected ZeroDivisionError: some defect; --debug"),
     ],
 )

@@ -36,11 +36,7 @@ class Stack:
 
     def run(self, *command):
         process = subprocess.Popen(
-            command,
-            env=self.env,
-            stdout=self._log,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
+            command, env=self.env, stdout=self._log, stderr=subprocess.STDOUT, start_new_session=True
         )
         self._children.append(process)
         return process

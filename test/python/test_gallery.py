@@ -26,8 +26,7 @@ def imported(script):
 
 
 @pytest.mark.parametrize(
-    "script",
-    [pytest.param(one, marks=[slow] * (one.stem in SLOW), id=one.stem) for one in SCRIPTS],
+    "script", [pytest.param(one, marks=[slow] * (one.stem in SLOW), id=one.stem) for one in SCRIPTS]
 )
 def test_a_script_prints_what_the_page_shows(script, tmp_path, monkeypatch, capsys):
     """In this process, because a new one takes seconds to load its libraries."""

@@ -14,7 +14,7 @@ from ground.ledger import changes, estimates, finding, hierarchy
 
 CRAFTS = ("craft_1", "craft_2", "craft_3")
 BATTERY = datetime.date(2025, 4, 12)  # since then craft 1 has another one
-DAYS = [datetime.date(2025, 3, 3) + datetime.timedelta(days=11 * i) for i in range(6)]
+DAYS = [datetime.date(2025, 3, 3) + datetime.timedelta(days=11 * i) for i in range(8)]
 RUNS = 2 * len(CRAFTS) * len(DAYS)
 
 

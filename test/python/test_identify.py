@@ -7,7 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from conftest import MODEL, SHARED, identify, simulate_run, slow, write_bag
+from conftest import MODEL, identify, simulate_run, slow, write_bag
 
 TRUTH = {"I_z": 8.8e-5, "X_u": 0.0055, "Y_v": 0.0271, "N_r": 4.62e-5, "k": 0.062}
 
@@ -348,25 +348,14 @@ def test_bad_csv_is_refused_with_file_and_line(tmp_path, spoil, words):
 
 
 @slow
-def test_real_recordings_import_and_fit(tmp_path, recordings):
-    bags = {}
-    for stamp in recordings:
-        bags[stamp] = tmp_path / (stamp + ".bag")
-        result = identify(
-            "import",
-            SHARED / ("controls_%s.csv" % stamp),
-            SHARED / ("pose_%s.csv" % stamp),
-            "-o",
-            bags[stamp],
-        )
-        assert result.returncode == 0, result.stderr
-    infos = json.loads(identify("info", *bags.values(), "--json").stdout)
+def test_real_recordings_import_and_fit(tmp_path, real_bags):
+    infos = json.loads(identify("info", *real_bags.values(), "--json").stdout)
     for info in infos:
         clock = info["poses"]["frame_clock"]  # frames at 120 Hz are polled at 100 Hz
         assert clock["rate"] == pytest.approx(120, abs=0.05)
         assert 0.2 < info["poses"]["bursts"] / info["poses"]["count"] < 0.36
         assert info["repairs"]["duplicates dropped"] == 0, "no distinct frame may be dropped"
-    for stamp, bag in bags.items():
+    for stamp, bag in real_bags.items():
         out = tmp_path / (stamp + ".yaml")
         result = identify("fit", bag, "--model", MODEL, "-o", out, "--json")
         assert result.returncode == 0, result.stderr

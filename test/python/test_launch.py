@@ -162,12 +162,7 @@ def check_recording(bag):
     info = subprocess.run(
         ["rosbag", "info", str(bag)], stdout=subprocess.PIPE, universal_newlines=True
     ).stdout
-    for topic in (
-        "/controls",
-        "/state",
-        "/vrpn_client_node/hovercraft/pose",
-        "/sender/status",
-    ):
+    for topic in ("/controls", "/state", "/vrpn_client_node/hovercraft/pose", "/sender/status"):
         assert topic + " " in info
     measured = identify("info", str(bag)).stdout
     assert "heading_offset 0.25 rad (recorded in the bag)" in measured
@@ -611,10 +606,7 @@ RELATIVE = [
         },
     ),
     ("sim_prbs.launch", {"csv": "/controller/file"}),
-    (
-        "identification.launch",
-        {"output": "/identification/output", "bag_dir": "/identification/bag_dir"},
-    ),
+    ("identification.launch", {"output": "/identification/output", "bag_dir": "/identification/bag_dir"}),
 ]
 
 

@@ -15,14 +15,7 @@ from conftest import ROOT, free_port, wait_for
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt is loaded
 
-from ground_msgs.msg import (
-    ControllerStatus,
-    Controls,
-    ModelError,
-    Reference,
-    SenderStatus,
-    State,
-)
+from ground_msgs.msg import ControllerStatus, Controls, ModelError, Reference, SenderStatus, State
 
 from ground.nodes import live_feed, live_plot
 from ground.support.errors import GroundError

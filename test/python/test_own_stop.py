@@ -18,14 +18,7 @@ SILENCE = 1.5  # [s]
 
 
 def trial(
-    watchdog,
-    seed=1,
-    speed=0.37,
-    thrust=THRUST,
-    floor=FLOOR,
-    noise=0.004,
-    glides=False,
-    silence=SILENCE,
+    watchdog, seed=1, speed=0.37, thrust=THRUST, floor=FLOOR, noise=0.004, glides=False, silence=SILENCE
 ):
     """Trial of a driven craft that gets no commands from 0 s on. It stops its motors after `watchdog` [s]
     or never (None); with `glides` its lift stays on. The noise is coloured like an estimator's."""
@@ -92,11 +85,7 @@ UNDECIDED = [
     ("wall", lambda: trial(0.5, floor=15.0), "hit something"),
     ("held", lambda: trial(-0.2, speed=0.8), "before the silence began"),
     ("at the end", lambda: trial(1.45), "when the silence ended"),
-    (
-        "nan",
-        lambda: changed(trial(0.2), speeds=np.where(np.arange(400) == 120, np.nan, 0.4)),
-        "not finite",
-    ),
+    ("nan", lambda: changed(trial(0.2), speeds=np.where(np.arange(400) == 120, np.nan, 0.4)), "not finite"),
 ]
 
 

@@ -105,11 +105,3 @@ def test_too_few_poses_are_named():
     with pytest.raises(GroundError, match="run: only 9 distinct poses"):
         repaired(times[:9], eta[:9], inputs)
     assert len(repaired(times[:10], eta[:10], inputs).times) == 10
-
-
-# --- the clock of the frames
-
-
-def polled(times, period):
-    """Stamps of a client that polls with a period: each frame has the time of the next poll."""
-    return np.ceil(times / period + 1e-9) * period

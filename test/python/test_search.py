@@ -54,6 +54,7 @@ def test_a_delay_and_a_lag_are_found_together():
     assert names(found) == case.hidden
 
 
+@slow
 def test_a_trim_that_differs_between_runs_is_reported_and_an_effect_beside_it_found():
     case, found, conclusion = diagnosed("trim_single", 7)
     assert names(found) == case.hidden

@@ -5,7 +5,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from conftest import schema
+from conftest import schema, slow
 from ground.analysis import diagnosis, judge
 from ground.analysis.verdict import conclude
 from ground.data.measured import measured
@@ -56,6 +56,7 @@ def test_it_adds_what_is_hidden_and_nothing_else(found):
     assert not nothing.grow_by_simulation("") and not nothing.names
 
 
+@slow
 def test_an_effect_that_the_likelihood_refused_and_it_finds_is_not_refused():
     worse = judge.PairedComparison("worse", -1.0, 0.1, 1.0, 0.1)
     with mock.patch.object(diagnosis, "compared", return_value=worse):

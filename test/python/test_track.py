@@ -14,15 +14,9 @@ GAINS = ROOT / "cfg" / "gains"
 STARTS = 2
 
 # 5, 50 and 95% quantiles of the RMS error [m] of the Tiny Whoover with the thesis's gains.
-THESIS = {
-    ("4_11", "circle"): (0.36, 0.44, 0.52),
-    ("4_12", "circle"): (0.32, 0.43, 0.56),
-}
+THESIS = {("4_11", "circle"): (0.36, 0.44, 0.52), ("4_12", "circle"): (0.32, 0.43, 0.56)}
 # kind: settings, bounds of the RMS error [m]: nominal, with noise and delay, with a wrong model.
-PREDICTIVE = {
-    "circle": (dict(rate_of_turn=0.63), 0.5e-3, 5e-3, 5e-3),
-    "rhodonea": ({}, 0.5e-3, 5e-3, 5e-3),
-}
+PREDICTIVE = {"circle": (dict(rate_of_turn=0.63), 0.5e-3, 5e-3, 5e-3), "rhodonea": ({}, 0.5e-3, 5e-3, 5e-3)}
 # A hidden effect, so strong that a model without it tracks badly (`make bench-tracking` has more).
 HIDDEN = {"floor_tilt": {"sx": 0.02, "sy": -0.015}}
 

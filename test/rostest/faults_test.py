@@ -177,16 +177,10 @@ ONE_WAY = [
     ("craft hears nothing, PRBS", "prbs", False),
 ]
 # (fault, controller)
-NO_WAY = [
-    ("nothing passes either way, tracking", "controller"),
-    ("nothing passes either way, PRBS", "prbs"),
-]
+NO_WAY = [("nothing passes either way, tracking", "controller"), ("nothing passes either way, PRBS", "prbs")]
 HEARING_LIMIT = requirements.limit("hearing")  # longest thrust sent to a craft that receives nothing [s]
 # (fault, change of /clock and all stamps [s])
-CLOCKS = [
-    ("clock and stamps set back by 2 s", -2.0),
-    ("clock and stamps set ahead by 2 s", 2.0),
-]
+CLOCKS = [("clock and stamps set back by 2 s", -2.0), ("clock and stamps set ahead by 2 s", 2.0)]
 # (fault, whether the craft returns on another port)
 RESTARTS = [("craft restarts", False), ("craft comes back elsewhere", True)]
 # (fault, how long the craft is off [s], whether it counts commands, whether it has a boot id)
@@ -412,8 +406,7 @@ class FaultsTest(unittest.TestCase):
         self.assertEqual(self.wire.thrust_between(back, time.time()), [])
         reasons = [m.reason for at, m in self.sender.all if at > begun]
         self.assertTrue(
-            [r for r in reasons if "does not follow its commands" in r or "has fallen silent" in r],
-            reasons,
+            [r for r in reasons if "does not follow its commands" in r or "has fallen silent" in r], reasons
         )
         self.assertIn(ControllerStatus.STOPPED, {m.state for at, m in status.all if at > begun})
         self.assertIn(SenderStatus.FAULT, {m.state for at, m in self.sender.all if at > begun})

@@ -43,9 +43,7 @@ class OwnStopTest(unittest.TestCase):
     def armed(self):
         answers = []
         harness.wait_for(
-            lambda: answers.append(self.arm(True)) or answers[-1].success,
-            10,
-            lambda: str(answers[-1]),
+            lambda: answers.append(self.arm(True)) or answers[-1].success, 10, lambda: str(answers[-1])
         )
         return answers[-1].message
 

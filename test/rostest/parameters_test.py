@@ -94,11 +94,7 @@ class ParametersTest(unittest.TestCase):
         seen = sorted((c.node, c.name, c.before, c.after) for _, c in changes.all)
         before = seen[0][2]
         self.assertEqual(
-            seen,
-            [
-                ("controller", "k_e", before, "0.125"),
-                ("controller", "reference", "circle", "line"),
-            ],
+            seen, [("controller", "k_e", before, "0.125"), ("controller", "reference", "circle", "line")]
         )
         line = "controller: k_e %s -> 0.125, reference circle -> line" % before
         harness.wait_for(lambda: line in [m.msg for _, m in log.all], 5, "a line in the log")
@@ -110,8 +106,7 @@ class ParametersTest(unittest.TestCase):
         harness.wait_for(lambda: len(changes.all) == 3, 5, "the model's change")
         change = changes.message
         self.assertEqual(
-            (change.node, change.name, change.before, change.after),
-            ("controller", "model", model, other),
+            (change.node, change.name, change.before, change.after), ("controller", "model", model, other)
         )
         self.assertEqual(rospy.get_param("/controller/k_e"), 0.125)
         self.assertEqual(rospy.get_param("/controller/reference"), "line")

@@ -198,8 +198,7 @@ class SenderTest(unittest.TestCase):
     def wait_driving(craft, values=DRIVE):
         # Five packets ensure that the feed's last message is younger than the last zero.
         craft.wait(
-            lambda packets: len(packets) >= 5 and all(p[1:] == values for p in packets[-5:]),
-            "driving",
+            lambda packets: len(packets) >= 5 and all(p[1:] == values for p in packets[-5:]), "driving"
         )
 
     def assert_zero_within_limit(self, craft, start, what):

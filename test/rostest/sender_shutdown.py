@@ -28,13 +28,9 @@ class SenderShutdown(SenderTest):
         """Checks zeros after the process got a signal at `start` while commands kept coming."""
         process.wait(timeout=20)
         zeros = craft.wait(
-            lambda packets: [p for p in packets if p.time > start and is_zero(p)],
-            "zeros at the end",
+            lambda packets: [p for p in packets if p.time > start and is_zero(p)], "zeros at the end"
         )
-        craft.wait(
-            lambda packets: sum(p.time > start and is_zero(p) for p in packets) >= REPEATS,
-            "repeats",
-        )
+        craft.wait(lambda packets: sum(p.time > start and is_zero(p) for p in packets) >= REPEATS, "repeats")
         self.assert_zero(craft.since(zeros[0].time))
         self.worst[what] = zeros[0].time - start
         self.assertLessEqual(zeros[0].time - start, END_LIMIT, what)

@@ -77,9 +77,7 @@ class TrackingTest(ControllerCase):
     def test_controllers_with_unusable_parameters_end(self):
         for name in ("broken", "misled", "mistuned"):
             harness.wait_for(
-                lambda name=name: not rosnode.rosnode_ping(name, max_count=1),
-                10,
-                "the end of " + name,
+                lambda name=name: not rosnode.rosnode_ping(name, max_count=1), 10, "the end of " + name
             )
 
     def test_each_decision_is_published(self):

@@ -37,7 +37,7 @@ void SenderGate::state(Instant now, const MeasuredState& measured) {
   guard_.state(now.time, measured);
   confine();
   if (!valid || !obedience_) return;
-  const std::string instead = 
+  const std::string instead =
       obedience_->measured(local(measured.stamp), measured.state, measured.nu_variance);
   if (!instead.empty()) link_.disobeyed(now.steady, instead);
 }

@@ -75,7 +75,7 @@ class SenderGate {
   std::optional<ObedienceWatch> obedience_;         ///< no value without a model
   DriveClock drive_;
   std::optional<double> epoch_;
-  Instant now_{0, 0};                               ///< of the last call
+  Instant now_{0, 0};  ///< of the last call
 };
 
 }  // namespace ground
