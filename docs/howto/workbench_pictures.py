@@ -18,8 +18,8 @@ PICTURES = {
     "3_zoomed_dark": "docs/howto/workbench_zoomed.png",
     "4_searching_light": "docs/howto/workbench_searching.png",
     "4_added_light": "docs/howto/workbench_added.png",
-    "5_added_light": ".readme/workbench.png",
 }
+FALLING = ("2_fitted_light", "4_added_light", "5_added_light")  # README's picture: an error falls
 
 
 def main(folder=None):
@@ -30,6 +30,10 @@ def main(folder=None):
     for name, place in PICTURES.items():
         picture = Image.open("%s/%s.png" % (folder, name)).convert("RGB")
         picture.quantize(96).save(ROOT / place, optimize=True)
+    first, *others = (Image.open("%s/%s.png" % (folder, n)).convert("RGB").quantize(96) for n in FALLING)
+    times = [1500] * len(others) + [4000]  # of each picture [ms]
+    place = ROOT / ".readme/workbench.gif"
+    first.save(place, save_all=True, append_images=others, duration=times, loop=0)
 
 
 if __name__ == "__main__":

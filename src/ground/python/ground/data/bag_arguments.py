@@ -2,6 +2,7 @@
 
 import argparse
 import inspect
+import os
 from dataclasses import dataclass
 from typing import Any, Callable, Iterator, List, Sequence, Tuple, Type
 
@@ -108,6 +109,17 @@ def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
     given = mapping.load(arguments.mapping) if arguments.mapping else mapping.DEFAULT
     names = inspect.signature(given.with_options).parameters
     return given.with_options(**{name: getattr(arguments, name) for name in names})
+
+
+def reading_options(arguments: argparse.Namespace) -> Document:
+    """The options of ground.read that the arguments say, with absolute paths."""
+    names = [name for name in inspect.signature(api.read).parameters if name != "bags"]
+    found = {name: getattr(arguments, name) for name in names if getattr(arguments, name) not in (None, ())}
+    if "mapping" in found:
+        found["mapping"] = os.path.abspath(found["mapping"])
+    if "types" in found:
+        found["types"] = [os.path.abspath(path) for path in found["types"]]
+    return found
 
 
 def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:

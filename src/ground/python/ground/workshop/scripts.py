@@ -2,7 +2,7 @@
 
 import os
 import shlex
-from typing import List
+from typing import Any, List, Mapping
 
 from ground.support import files
 from ground.support.annotations import Document
@@ -13,7 +13,7 @@ HEAD = '''"""What was done on the workbench. It prints the error of each model: 
 import ground
 
 read = %s
-recordings = {run.name: run for run in ground.read(read)}
+recordings = {run.name: run for run in ground.read(read%s)}
 
 
 def runs(names, cuts):
@@ -39,7 +39,7 @@ def path_to(session: Session, node: int) -> List[Document]:
     return found
 
 
-def python(session: Session) -> str:
+def python(session: Session, reading: Mapping[str, Any]) -> str:
     """All of the history, in Python."""
     lines = ["given = ground.Model.parse(%r)" % session.nodes[1]["model"]]
     for number, node in sorted(session.nodes.items()):
@@ -67,14 +67,19 @@ def python(session: Session) -> str:
             as_is = "found.prediction.errors[%r]" % key
         lines.append("show(%d, %r, %s)" % (number, node["what"], as_is))
     lines.append('models[%d].save("model.yaml", force=True)' % session.current)
-    paths = sorted({run.path for run in session.recordings})
-    return HEAD % (session.nodes[1]["seconds"], paths, "\n".join(lines)) + "\n"
+    paths = sorted({os.path.abspath(run.path) for run in session.recordings})
+    options = "".join(", %s=%r" % item for item in reading.items())
+    return HEAD % (session.nodes[1]["seconds"], paths, options, "\n".join(lines)) + "\n"
 
 
-def shell(session: Session) -> str:
+def shell(session: Session, reading: Mapping[str, Any]) -> str:
     """The way to the current model, as command lines."""
     lines = ["#!/bin/sh", "# What was done on the workbench, up to model %d." % session.current, "set -e"]
-    by_name = {run.name: run.path for run in session.recordings}
+    by_name = {run.name: os.path.abspath(run.path) for run in session.recordings}
+    options = ""
+    for name, value in reading.items():
+        values = value if isinstance(value, (list, tuple)) else [value]
+        options += " --%s %s" % (name.replace("_", "-"), " ".join(shlex.quote(str(one)) for one in values))
     for node in path_to(session, session.current):
         file = "step_%d.yaml" % node["id"]
         before, kind = "step_%d.yaml" % node["parent"], node["kind"]
@@ -86,7 +91,7 @@ def shell(session: Session) -> str:
             shlex.quote("%s=%.9g,%.9g" % (name, *span))
             for name, spans in node["cuts"].items() if name in node["runs"] for span in spans
         ]  # fmt: skip
-        more = " --leave-out %s" % " ".join(cuts) if cuts else ""
+        more = options + (" --leave-out %s" % " ".join(cuts) if cuts else "")
         if kind == "fit":
             more += " --free " + " ".join(node["parameters"])
             lines.append("identify fit %s --model %s -o %s --force%s" % (bags, before, file, more))
@@ -103,10 +108,10 @@ def shell(session: Session) -> str:
     return "\n".join([*lines, "cp step_%d.yaml model.yaml" % session.current]) + "\n"
 
 
-def save(session: Session, folder: str) -> None:
+def save(session: Session, folder: str, reading: Mapping[str, Any]) -> None:
     """Writes model and scripts into the folder, and begins the job that writes the page."""
     with session.lock:
-        texts = {"script.py": python(session), "script.sh": shell(session)}
+        texts = {"script.py": python(session, reading), "script.sh": shell(session, reading)}
         texts["model.yaml"] = session.model_of(session.current).format()
         for name, text in texts.items():
             files.write_text(os.path.join(folder, name), text, force=True)

@@ -7,17 +7,17 @@ import socket
 import sys
 import webbrowser
 from dataclasses import asdict, dataclass
-from typing import Any, Callable, Dict, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ground.data import bag_arguments
 from ground.data.measured import repaired
-from ground.data.read import Recordings, distinct, taken
+from ground.data.read import Recordings, distinct, read, taken
 from ground.models import Model, ModelLike, Room, RoomLike
 from ground.reading.recording import Recording
 from ground.support import command_line
 from ground.support.annotations import Document, Path
 from ground.support.command_line import option
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, OptionError
 from ground.support.event_file import EventFile
 from ground.support.jobs import Jobs
 from ground.support.local_server import Server, packed, serve
@@ -48,6 +48,7 @@ def workbench(
     *,
     output: Path = "workbench",
     holdout: Recordings = (),
+    reading: Mapping[str, Any] = {},
     progress: Progress = None,
     begun: Callable[[str], None] = lambda address: None,
     options: WorkbenchOptions,
@@ -55,10 +56,11 @@ def workbench(
     """Serves a page on this computer until Ctrl-C: measured against predicted motion, fits, where the model
     fails, what is missing, and its error with it.
 
-    recordings, holdout: recordings or bags to fit to, and to hold out; the page can change that. output:
-    folder, made if it is missing, of the work file, which brings everything back when the workbench is
-    started again, and of what the page saves; nothing else is written. begun: called with the address of the
-    page. GroundError when a file cannot be read, or the system has no fork (Windows). Options:
+    recordings, holdout: recordings or bags to fit to, and to hold out; the page can change that. reading:
+    options of ground.read, with which bags are read here and by the scripts that are saved. output: folder,
+    made if it is missing, of the work file, which brings everything back when the workbench is started
+    again, and of what the page saves; nothing else is written. begun: called with the address of the page.
+    GroundError when a file cannot be read, or the system has no fork (Windows). Options:
 
     >>> def seen(address):  # a program of your own may open it
     ...     raise SystemExit("at %s..." % address[:17])
@@ -71,7 +73,7 @@ def workbench(
     if "fork" not in multiprocessing.get_all_start_methods():
         raise GroundError("the workbench needs Linux or macOS")
     given, told = Model.of(model), Work.of(progress)
-    fitted, held = taken(recordings), taken(holdout)
+    fitted, held = _taken(recordings, reading), _taken(holdout, reading)
     runs = [run.with_lift_of(given.core) for run in distinct([*fitted, *held])]
     if not runs:
         raise GroundError("no recordings are given")
@@ -88,7 +90,7 @@ def workbench(
     try:
         file = EventFile(os.path.join(folder, "work.jsonl"), SCHEMA)
         session = Session(runs, given, [run.name for run in runs[len(fitted) :]], room, file, jobs)
-        server = Server(options.port, _files(), actions(session, folder), session.wait)
+        server = Server(options.port, _files(), actions(session, folder, reading), session.wait)
         begun(server.address)
         try:
             serve(server)
@@ -96,6 +98,14 @@ def workbench(
             session.end()
     finally:
         jobs.close()
+
+
+def _taken(given: Recordings, reading: Mapping[str, Any]) -> List[Recording]:
+    """The recordings, and those in the bags, read with some options."""
+    every = [given] if isinstance(given, (Recording, str, os.PathLike)) else given
+    return taken(
+        [r for one in every for r in ([one] if isinstance(one, Recording) else read(one, **reading))]
+    )
 
 
 def _room_of(runs: Sequence[Recording]) -> Optional[Room]:
@@ -114,7 +124,9 @@ def _files() -> Dict[str, Tuple[bytes, str]]:
     return found
 
 
-def actions(session: Session, folder: str) -> Dict[str, Callable[[Document], Any]]:
+def actions(
+    session: Session, folder: str, reading: Mapping[str, Any]
+) -> Dict[str, Callable[[Document], Any]]:
     """What the page may ask for, by name."""
 
     def view(of: Document) -> Any:
@@ -155,7 +167,7 @@ def actions(session: Session, folder: str) -> Dict[str, Callable[[Document], Any
         "begin": done(lambda of: session.begin(_kind(of), of.get("effect"))),
         "stop": done(lambda of: session.stop(int(of["job"]))),
         "check": lambda of: session.check(dict(of["formula"])),
-        "save": done(lambda of: scripts.save(session, folder)),
+        "save": done(lambda of: scripts.save(session, folder, reading)),
     }
 
 
@@ -192,6 +204,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs identify workbench; returns what --json prints."""
+    if arguments.leave_out:
+        raise OptionError("{0}: leave stretches out on the page", "leave_out")
     has_display = bool(
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform == "darwin"
     )
@@ -208,6 +222,7 @@ def run(arguments: argparse.Namespace) -> Document:
             arguments.model,
             output=arguments.output,
             holdout=bag_arguments.reading(arguments, arguments.holdout),
+            reading=bag_arguments.reading_options(arguments),
             begun=begun,
             options=command_line.options(arguments, WorkbenchOptions),
             progress=arguments.work,
