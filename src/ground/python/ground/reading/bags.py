@@ -13,7 +13,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.reading import damaged, decoding, definitions, plain_messages, recorded_files, streams, ulogs
+from ground.reading import damaged, decoding, definitions, recorded_files, streams, ulogs
 from ground.reading.containers import RECEIVED, Columns, Container, Topic
 from ground.reading.streams import Source, Stream
 from ground.support.annotations import Indices
@@ -80,21 +80,19 @@ class Bag(Container):
         self, stream: Stream, messages: Sequence[bytes]
     ) -> Tuple[List[Tuple[Indices, Columns]], int]:
         """The columns of messages that are alike, with their numbers, and how many are lost."""
-        if stream.encoding in plain_messages.ENCODINGS:
-            found, lost = plain_messages.columns(stream, messages)
-            file, doubts = "", []
-        elif stream.encoding not in ("ros1", "cdr"):
+        if stream.encoding not in streams.ENCODINGS:
             raise GroundError(
-                "%s: messages in the encoding '%s' are not read" % (stream.topic, stream.encoding)
+                "%s: messages in the encoding '%s' are not read; mcap cat %s --topics %s --json prints those "
+                "in JSON and protobuf: write their values as a table"
+                % (stream.topic, stream.encoding, self.path, stream.topic)
             )
-        else:
-            file = definitions.is_given(stream, self._given)
-            types = definitions.types_of(stream, self._given)
-            if file:
-                definitions.check_digest(stream, types, file)
-            layouts = decoding.Layouts(types, stream.kind, stream.encoding == "ros1")
-            found, lost = layouts.columns(messages, LISTS.get(stream.kind.replace("/msg/", "/"), ""))
-            doubts = layouts.doubts() if file else []
+        file = definitions.is_given(stream, self._given)
+        types = definitions.types_of(stream, self._given)
+        if file:
+            definitions.check_digest(stream, types, file)
+        layouts = decoding.Layouts(types, stream.kind, stream.encoding == "ros1")
+        found, lost = layouts.columns(messages, LISTS.get(stream.kind.replace("/msg/", "/"), ""))
+        doubts = layouts.doubts() if file else []
         plain = stream.kind.replace("/msg/", "/")
         if not found or (file and lost > max(1, decoding.RARE * len(messages))):
             numbers = len(messages) - lost, len(messages), plain, file or "the bag"

@@ -1,4 +1,4 @@
-"""Reads what is whole in bags that are cut, damaged or were never closed, and MCAP files of any encoding.
+"""Reads what is whole in bags that are cut, damaged or were never closed, and messages of ROS 1 in MCAP.
 
 A chunk that was cut is unpacked as far as it goes; one that is damaged is left out and counted. Formats: bags
 of ROS 1 (wiki.ros.org/Bags/Format/2.0) and MCAP (mcap.dev/spec).
@@ -247,8 +247,6 @@ def _text(data: bytes, at: int) -> Tuple[str, int]:
 
 
 def _channel(key: int, topic: str, encoding: str, name: str, form: str, definition: bytes) -> Stream:
-    if form == "protobuf":
-        return Stream(key, topic, name, encoding, form, definition)
     is_text = form in ("ros1msg", "ros2msg", "ros2idl")
     text = definition.decode("utf-8", "replace") if is_text else ""
     return Stream(key, topic, _ros2_name(name), encoding, "idl" if form == "ros2idl" else "msg", text)
