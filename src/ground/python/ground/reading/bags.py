@@ -3,14 +3,17 @@
 Sound ones are read by rosbags; of others, what is whole in them is read.
 """
 
+import contextlib
 import os
 import re
+import shutil
 import sqlite3
+import tempfile
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.reading import damaged, decoding, definitions, plain_messages, recorded_files, streams, ulogs
+from ground.reading import damaged, decoding, definitions, recorded_files, streams, ulogs
 from ground.reading.containers import RECEIVED, Columns, Container, Topic
 from ground.reading.streams import Source, Stream
 from ground.support.annotations import Indices
@@ -77,21 +80,19 @@ class Bag(Container):
         self, stream: Stream, messages: Sequence[bytes]
     ) -> Tuple[List[Tuple[Indices, Columns]], int]:
         """The columns of messages that are alike, with their numbers, and how many are lost."""
-        if stream.encoding in plain_messages.ENCODINGS:
-            found, lost = plain_messages.columns(stream, messages)
-            file, doubts = "", []
-        elif stream.encoding not in ("ros1", "cdr"):
+        if stream.encoding not in streams.ENCODINGS:
             raise GroundError(
-                "%s: messages in the encoding '%s' are not read" % (stream.topic, stream.encoding)
+                "%s: messages in the encoding '%s' are not read; mcap cat %s --topics %s --json prints those "
+                "in JSON and protobuf: write their values as a table"
+                % (stream.topic, stream.encoding, self.path, stream.topic)
             )
-        else:
-            file = definitions.is_given(stream, self._given)
-            types = definitions.types_of(stream, self._given)
-            if file:
-                definitions.check_digest(stream, types, file)
-            layouts = decoding.Layouts(types, stream.kind, stream.encoding == "ros1")
-            found, lost = layouts.columns(messages, LISTS.get(stream.kind.replace("/msg/", "/"), ""))
-            doubts = layouts.doubts() if file else []
+        file = definitions.is_given(stream, self._given)
+        types = definitions.types_of(stream, self._given)
+        if file:
+            definitions.check_digest(stream, types, file)
+        layouts = decoding.Layouts(types, stream.kind, stream.encoding == "ros1")
+        found, lost = layouts.columns(messages, LISTS.get(stream.kind.replace("/msg/", "/"), ""))
+        doubts = layouts.doubts() if file else []
         plain = stream.kind.replace("/msg/", "/")
         if not found or (file and lost > max(1, decoding.RARE * len(messages))):
             numbers = len(messages) - lost, len(messages), plain, file or "the bag"
@@ -108,9 +109,9 @@ class Bag(Container):
         """Times of receipt [ns] and contents of messages in this order, as far as they can be read."""
         try:
             rows = list(self._source.messages(self._chosen(topic, kind)))
-        except Exception:  # the file ends early, or a chunk is damaged
+        except Exception as error:  # the file ends early, or a chunk is damaged
             self._source.close()
-            self._source = _salvaged(self.path, self.path)
+            self._source = _salvaged(self.path, error)
             self.warnings += [text for text in self._source.warnings if text not in self.warnings]
             rows = list(self._source.messages(self._chosen(topic, kind)))
         known = [(time, message) for time, message in rows if time < LATEST]
@@ -156,10 +157,10 @@ def _opened(path: str) -> Source:
         raise streams.missing(path)
     try:
         if any(os.path.isfile(path + end) and os.path.getsize(path + end) for end in recorded_files.BESIDE):
-            return damaged.Sqlite(path)
+            return _Journaled(path)
         sound = streams.Sound(path, recorded_files.begins(path) == recorded_files.ROS1)
     except Exception as error:  # rosbags, SQLite and their parsers raise many kinds
-        return _salvaged(path, path, error)
+        return _salvaged(path, error)
     beside = os.path.join(os.path.dirname(path) or ".", recorded_files.METADATA)
     if path.endswith(".db3") and os.path.isfile(path) and not os.path.isfile(beside):
         sound.warnings.append(
@@ -169,9 +170,29 @@ def _opened(path: str) -> Source:
     return sound
 
 
-def _salvaged(path: str, name: str, cause: Any = "") -> Source:
-    """What is whole in a damaged bag, or in one that rosbags does not read. name: of the bag, for errors.
-    GroundError without any message."""
+class _Journaled(streams.Sound):
+    """A bag of ROS 2 in SQLite that was not closed, completed by what SQLite keeps beside it."""
+
+    def __init__(self, path: str) -> None:
+        self._folder = tempfile.TemporaryDirectory()
+        copy = os.path.join(self._folder.name, os.path.basename(path))
+        for end in ("", *recorded_files.BESIDE):
+            if os.path.isfile(path + end):
+                shutil.copyfile(path + end, copy + end)
+        with contextlib.closing(sqlite3.connect(copy)) as file:
+            file.execute("PRAGMA journal_mode=DELETE")
+        super().__init__(copy, False)
+        self.warnings.append(damaged.ENDS)
+
+    def close(self) -> None:
+        """See Source."""
+        super().close()
+        self._folder.cleanup()
+
+
+def _salvaged(path: str, cause: Any) -> Source:
+    """What is whole in a damaged bag, or in one that rosbags does not read. GroundError without any
+    message."""
     if os.path.isdir(path):
         return _in_folder(path, cause)
     scans = {recorded_files.ROS1: damaged.ros1, recorded_files.MCAP: damaged.mcap}
@@ -179,12 +200,16 @@ def _salvaged(path: str, name: str, cause: Any = "") -> Source:
     found: Optional[Source] = None
     try:
         found = damaged.Damaged(path, scans[magic]) if magic in scans else None
-        found = damaged.Sqlite(path) if magic == recorded_files.SQLITE else found
-    except (OSError, sqlite3.Error) as error:
-        cause = cause or error
+    except OSError as error:
+        cause = error
     if found is None or not any(stream.count for stream in found.streams):
-        said = definitions.said(cause) if cause else "its first bytes are not those of a bag"
-        raise GroundError("%s: cannot be read as a bag (%s), and no message in it is whole" % (name, said))
+        if magic == recorded_files.SQLITE:
+            raise GroundError(
+                "%s: the bag is damaged (%s): sqlite3 %s .recover | sqlite3 NEW.db3 saves what is whole"
+                % (path, definitions.said(cause), path)
+            )
+        said = definitions.said(cause)
+        raise GroundError("%s: cannot be read as a bag (%s), and no message in it is whole" % (path, said))
     return found
 
 

@@ -1,7 +1,7 @@
-"""Reads what is whole in bags that are cut, damaged or were never closed, and MCAP files of any encoding.
+"""Reads what is whole in bags that are cut, damaged or were never closed, and messages of ROS 1 in MCAP.
 
 A chunk that was cut is unpacked as far as it goes; one that is damaged is left out and counted. Formats: bags
-of ROS 1 (wiki.ros.org/Bags/Format/2.0), MCAP (mcap.dev/spec), bags of ROS 2 in SQLite.
+of ROS 1 (wiki.ros.org/Bags/Format/2.0) and MCAP (mcap.dev/spec).
 """
 
 import bz2
@@ -9,20 +9,15 @@ import contextlib
 import importlib
 import io
 import os
-import shutil
-import sqlite3
 import struct
-import tempfile
 import zlib
 from dataclasses import replace
 from typing import Any, BinaryIO, Callable, Dict, Iterator, List, Sequence, Tuple, Union
 
-from ground.reading import recorded_files
 from ground.reading.streams import Row, Source, Stream
 
 LARGE = 1 << 16  # bytes from which it is checked that so many are left
 PIECE = 4096  # bytes that are unpacked at once
-TRIES = 40  # jumps over damaged pages of SQLite, each twice as far as the one before
 
 Message = Tuple[int, int, bytes]  #: key of its stream, time of receipt [ns], content
 Found = Union[Stream, Message, str]  #: a str is a warning
@@ -252,8 +247,6 @@ def _text(data: bytes, at: int) -> Tuple[str, int]:
 
 
 def _channel(key: int, topic: str, encoding: str, name: str, form: str, definition: bytes) -> Stream:
-    if form == "protobuf":
-        return Stream(key, topic, name, encoding, form, definition)
     is_text = form in ("ros1msg", "ros2msg", "ros2idl")
     text = definition.decode("utf-8", "replace") if is_text else ""
     return Stream(key, topic, _ros2_name(name), encoding, "idl" if form == "ros2idl" else "msg", text)
@@ -268,77 +261,3 @@ def mcap(file: BinaryIO) -> Iterator[Found]:
         yield ENDS
     if found.lost:
         yield LEFT_OUT % found.lost
-
-
-class Sqlite(Source):
-    """A bag of ROS 2 in SQLite that was cut or is damaged, and what SQLite keeps beside it. sqlite3.Error
-    when not even its topics can be read."""
-
-    def __init__(self, path: str) -> None:
-        super().__init__()
-        self._folder = tempfile.TemporaryDirectory()
-        self._file = sqlite3.connect(copied(path, self._folder.name))
-        # Otherwise SQLite refuses files that are shorter than their header says.
-        self._file.execute("PRAGMA writable_schema=ON")
-        self._file.text_factory = lambda data: data.decode("utf-8", "replace")
-        definitions = self._definitions()
-        counts: Dict[int, int] = {}
-        for key, _, _ in self._rows():
-            counts[key] = counts.get(key, 0) + 1
-        for key, topic, kind, encoding in self._file.execute(
-            "SELECT id, name, type, serialization_format FROM topics"
-        ):
-            if list(map(type, (key, topic, kind, encoding))) != [int, str, str, str]:
-                continue
-            form, text = definitions.get(kind, ("", ""))
-            form = "idl" if form == "ros2idl" else "msg"
-            self.streams.append(Stream(key, topic, kind, encoding, form, text, count=counts.get(key, 0)))
-        self.warnings.append(ENDS)
-
-    def _definitions(self) -> Dict[str, Tuple[str, str]]:
-        try:
-            rows = self._file.execute(
-                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            )
-            return {kind: (form, text) for kind, form, text in rows}
-        except sqlite3.Error:  # bags of earlier versions have none
-            return {}
-
-    def _rows(self) -> Iterator[Message]:
-        """Messages in the order in which they were written; jumps over damaged pages."""
-        last, step = 0, 1
-        for _ in range(TRIES):
-            try:
-                for row, *message in self._file.execute(
-                    "SELECT id, topic_id, timestamp, data FROM messages NOT INDEXED WHERE id > ? ORDER BY id",
-                    [last],
-                ):
-                    last, step = row, 1
-                    if list(map(type, message)) == [int, int, bytes]:  # damaged ones are of any type
-                        yield message[0], message[1], message[2]
-                return
-            except sqlite3.Error:
-                last, step = last + step, 2 * step
-
-    def messages(self, streams: Sequence[Stream]) -> Iterator[Row]:
-        """See Source."""
-        keys = {stream.key for stream in streams}
-        return ((time, data) for key, time, data in self._rows() if key in keys)
-
-    def close(self) -> None:
-        """See Source."""
-        self._file.close()
-        self._folder.cleanup()
-
-
-def copied(path: str, folder: str) -> str:
-    """A copy of the whole pages of a file of SQLite with what is kept beside it, for SQLite to complete."""
-    copy = os.path.join(folder, os.path.basename(path))
-    for end in ("", *recorded_files.BESIDE):
-        if os.path.isfile(path + end):
-            shutil.copyfile(path + end, copy + end)
-    with open(copy, "r+b") as file:
-        size = int.from_bytes(file.read(18)[16:], "big") or 1
-        # SQLite would take what is missing of a page for zeros.
-        file.truncate(os.path.getsize(copy) // size * size)
-    return copy

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from typing import Any, Dict, Iterator, List, Sequence
 
 from ground.reading.decoding import TIMES
-from ground.reading.streams import Stream
+from ground.reading.streams import ENCODINGS, Stream
 from ground.support.errors import GroundError, reason
 
 SUFFIXES = (".msg", ".idl")
@@ -136,13 +136,17 @@ def types_of(stream: Stream, given: Definitions = NONE) -> Types:
 
 def is_undefined(stream: Stream, given: Definitions) -> bool:
     """Whether nothing defines the type of a stream."""
-    known = stream.definition or stream.encoding == "json" or stream.kind in _usual(stream.encoding == "ros1")
+    known = (
+        stream.definition
+        or stream.encoding not in ENCODINGS
+        or stream.kind in _usual(stream.encoding == "ros1")
+    )
     return not known and not given.file(stream.kind)
 
 
 def is_given(stream: Stream, given: Definitions) -> str:
     """The file of the user by which a stream is read; empty where the file itself defines its type."""
-    return "" if stream.definition or stream.encoding == "json" else given.file(stream.kind)
+    return "" if stream.definition else given.file(stream.kind)
 
 
 def _named(description: Any) -> Iterator[str]:

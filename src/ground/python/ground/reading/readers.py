@@ -8,7 +8,6 @@ from typing import Dict, List, Mapping, Sequence, Tuple
 import numpy as np
 
 from ground.reading import (
-    battery,
     commands,
     containers,
     gathered,
@@ -135,6 +134,7 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     def quietly(table: Columns, clock: Clock, where: str) -> Tuple[Indices, Flags]:
         return _stamps(table, clock, where, [])
 
+    sensed = sensors.SensorReader(source, mapping, quietly, table)
     read_from = ", ".join("%s (%s)" % (topic, topics[topic].kind) for topic in (posed, *commanded))
     ranges = {channel.name: channel.range for channel in sent.channels}
     return replace(
@@ -148,8 +148,8 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
         flown_by=flown_by,
         files=run_files,
         # One recorder received both: if their delays differ by much, their stamps have two clocks.
-        inertial=sensors.read(source, mapping, quietly, table),
-        voltage=battery.read(source, mapping, quietly, table),
+        inertial=sensed.inertial(),
+        voltage=sensed.voltage(),
         noise=mapping.noise,
         frame_rate=mapping.frame_rate,
         clock_offset=0.0 if mapping.clock_offset or mapping.clock_drift else delay - sent.delay,

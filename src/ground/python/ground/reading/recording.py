@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ground.poses import repair
     from ground.poses.inertial import InertialSamples
     from ground.poses.low_pass import LowPass
-    from ground.reading.battery import Voltage
+    from ground.reading.sensors import Voltage
 
 _T = TypeVar("_T")
 

@@ -1,78 +1,151 @@
-"""Reads the samples of a craft's gyro and accelerometer from a file."""
+"""Reads what a craft measures itself from a file: gyro, accelerometer and the voltage of its battery."""
 
-from dataclasses import replace
-from typing import Callable, Dict, Iterable, Optional, Tuple, Union
+import itertools
+from dataclasses import dataclass
+from typing import Callable, Dict, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from ground.poses.inertial import InertialSamples
 from ground.reading import containers
-from ground.reading.containers import TABLE, Columns, Container
+from ground.reading.containers import Columns, Container
 from ground.reading.mapping import Battery, Clock, FieldMapping, Sensors
-from ground.support.annotations import Flags, Indices
+from ground.support.annotations import Array, Document, Flags, Indices
 from ground.support.errors import GroundError
 
-# By type: turn about the vertical, two horizontal accelerations
-FIELDS: Dict[str, Tuple[str, Tuple[str, ...]]] = {
-    "ground_msgs/Telemetry": ("gyro[2]", ("acc[0]", "acc[1]")),
-    "sensor_msgs/Imu": ("angular_velocity.z", ("linear_acceleration.x", "linear_acceleration.y")),
+# Fields by type of messages: turn about the vertical and two horizontal accelerations, or the voltage
+FIELDS: Dict[str, Dict[str, Tuple[str, ...]]] = {
+    "inertial": {
+        "ground_msgs/Telemetry": ("gyro[2]", "acc[0]", "acc[1]"),
+        "sensor_msgs/Imu": ("angular_velocity.z", "linear_acceleration.x", "linear_acceleration.y"),
+    },
+    "battery": {"ground_msgs/Telemetry": ("voltage",), "sensor_msgs/BatteryState": ("voltage",)},
 }
+KEYS = {"inertial": "inertial.yaw_rate and inertial.acceleration", "battery": "battery.voltage"}
+VOLTS = {"V": 1.0, "mV": 1e-3}
 
 Stamps = Callable[[Columns, Clock, str], Tuple[Indices, Flags]]
 Table = Callable[[str], Columns]
 
 
-def read(source: Container, mapping: FieldMapping, stamps: Stamps, table: Table) -> Optional[InertialSamples]:
-    """The InertialSamples in an open Container; None without any. stamps: of a table by a Clock, and its
-    name; table: the columns of a topic.
-    GroundError where the mapping names something else than there is."""
-    given = mapping.inertial
-    topic, given = _place(source, mapping, given) if given.use else ("", given)
-    if not topic:
-        return None
-    kind, where = source.topics[topic].kind, "%s: %s" % (source.path, topic)
-    turn, axes = FIELDS.get(kind, ("", ()))
-    turn, axes = given.yaw_rate or turn, given.acceleration or axes
-    if not turn:
-        raise GroundError(
-            "%s: which fields of %s are sensors is not known; name inertial.yaw_rate and "
-            "inertial.acceleration in a mapping" % (where, kind)
-        )
-    columns = table(topic)
-    values = containers.values(columns, [turn, *axes], where)
-    stamped, known = stamps(columns, given.time, where)
-    times = containers.seconds(stamped)
-    good = known & np.isfinite(values).all(axis=1)
-    values, times = values[good], times[good]
-    if len(times) < 2 or not np.ptp(values[:, 0]) > 0:  # a craft without sensors leaves zeros
-        return None
-    return InertialSamples(times, values[:, 0], values[:, 1:], "%s (%s)" % (topic, kind))
+@dataclass(frozen=True, eq=False)
+class Voltage:
+    """The voltage of a battery at its terminals."""
+
+    times: Array  #: (n,) ascending [s], on the clock of the commands
+    volts: Array  #: (n,) [V], positive
+    source: str  #: topic that it was read from
+    unusable: int = 0  #: samples that were not positive numbers, left out
+
+    def rows(self, zero: float) -> Array:
+        """Rows of time, voltage (n, 2) on a clock that is 0 at an instant [s]."""
+        return np.column_stack([self.times - zero, self.volts])
+
+    def describe(self, zero: float) -> Document:
+        """The values of a JSON document; times on the run's clock."""
+        count, span = len(self.times), float(np.ptp(self.times))
+        return {
+            "source": self.source,
+            "rate": (count - 1) / span if span > 0 else 0.0,
+            "start": float(self.times[0] - zero),
+            "end": float(self.times[-1] - zero),
+            "first": float(np.median(self.volts[: 1 + count // 20])),
+            "last": float(np.median(self.volts[-1 - count // 20 :])),
+            "least": float(self.volts.min()),
+            "most": float(self.volts.max()),
+            "unusable": self.unusable,
+        }
 
 
-def _place(source: Container, mapping: FieldMapping, given: Sensors) -> Tuple[str, Sensors]:
-    """The topic that has samples, empty without one, and where they are in it."""
-    named = named_topic(source, given, "inertial", mapping.file)
-    if given.yaw_rate and not named and mapping.poses.topic in source.of_kind(TABLE):
-        clock = given.time if given.time.field else mapping.poses.time  # a column of the poses' table
-        return mapping.poses.topic, replace(given, time=clock)
-    return named or only_topic(source, FIELDS), given
+@dataclass(frozen=True)
+class SensorReader:
+    """What a file has of the craft's sensors. stamps: of a table by a Clock, and its name; table: the columns
+    of a topic. GroundError where the mapping names something else than there is."""
 
+    source: Container
+    mapping: FieldMapping
+    stamps: Stamps
+    table: Table
 
-def named_topic(source: Container, given: Union[Battery, Sensors], section: str, file: str) -> str:
-    """The topic or table that a section of a mapping file names; empty: none. GroundError where it is not
-    there."""
-    topic = given.topic or given.file
-    there = {name: one.kind for name, one in source.topics.items() if one.count > 0}
-    if topic and (topic not in there or (given.type and there[topic] != given.type)):
-        has = ", ".join("%s (%s)" % item for item in sorted(there.items())) or "no messages at all"
-        raise GroundError(
-            "%s: there are no %s on %s, which %s names under %s; it has %s"
-            % (source.path, given.type or "messages", topic, file, section, has)
-        )
-    return topic
+    def inertial(self) -> Optional[InertialSamples]:
+        """The samples of gyro and accelerometer; None without any."""
+        given = self.mapping.inertial
+        found = self._samples("inertial", given, [given.yaw_rate, *given.acceleration])
+        if found is None:
+            return None
+        times, values, source = found
+        good = np.isfinite(times) & np.isfinite(values).all(axis=1)
+        values, times = values[good], times[good]
+        if len(times) < 2 or not np.ptp(values[:, 0]) > 0:  # a craft without sensors leaves zeros
+            return None
+        return InertialSamples(times, values[:, 0], values[:, 1:], source)
 
+    def voltage(self) -> Optional[Voltage]:
+        """The voltage of the battery; None without any."""
+        given = self.mapping.battery
+        found = self._samples("battery", given, [given.voltage])
+        if found is None:
+            return None
+        times, values, source = found
+        volts = values[:, 0] * VOLTS[given.unit]
+        good = np.isfinite(times) & np.isfinite(volts) & (volts > 0)
+        if good.sum() < 2:  # a craft that does not measure it leaves zeros
+            return None
+        order = np.argsort(times[good], kind="stable")
+        return Voltage(times[good][order], volts[good][order], source, int((~good).sum()))
 
-def only_topic(source: Container, kinds: Iterable[str]) -> str:
-    """The only topic of the first of some types of which there is one; empty: none."""
-    found = map(source.of_kind, kinds)
-    return next((topics[0] for topics in found if len(topics) == 1), "")
+    def _samples(
+        self, section: str, given: Union[Battery, Sensors], own: Sequence[str]
+    ) -> Optional[Tuple[Array, Array, str]]:
+        """Times (n,) [s], NaN without one, values (n, k) and their source, by the fields that a section of
+        the mapping names (own), else by those of the type."""
+        topic = self._topic(section, given, own[0]) if given.use else ""
+        if not topic:
+            return None
+        kind, where = self.source.topics[topic].kind, "%s: %s" % (self.source.path, topic)
+        usual = FIELDS[section].get(kind, ())
+        paths = [one or other for one, other in itertools.zip_longest(own, usual, fillvalue="")]
+        if not paths[0]:
+            raise GroundError(
+                "%s: which fields of %s it is is not known; name %s in a mapping"
+                % (where, kind, KEYS[section])
+            )
+        columns = self.table(topic)
+        if not own[0] and containers.column(columns, paths[0]) is None:
+            return None  # telemetry of an earlier version
+        values = containers.values(columns, paths, where)
+        stamped, known = self.stamps(columns, self._clock(given.time, topic), where)
+        times = np.where(known, containers.seconds(stamped), np.nan)
+        return times, values, "%s (%s)" % (topic, kind)
+
+    def _topic(self, section: str, given: Union[Battery, Sensors], field: str) -> str:
+        """The topic or table that has the samples; empty: none. field: that the mapping names."""
+        source, file = self.source, self.mapping.file
+        topic = given.topic or given.file
+        there = {name: one.kind for name, one in source.topics.items() if one.count > 0}
+        if topic and (topic not in there or (given.type and there[topic] != given.type)):
+            has = ", ".join("%s (%s)" % item for item in sorted(there.items())) or "no messages at all"
+            raise GroundError(
+                "%s: there are no %s on %s, which %s names under %s; it has %s"
+                % (source.path, given.type or "messages", topic, file, section, has)
+            )
+        if topic:
+            return topic
+        for other in (self.mapping.poses.topic, self.mapping.commands.topic) if field else ():
+            if other in source.topics and containers.column(self.table(other), field) is not None:
+                return other  # a column of a table that the run is read from anyway
+        only = [topics[0] for topics in map(source.of_kind, FIELDS[section]) if len(topics) == 1]
+        if field and not only:
+            raise GroundError(
+                "%s: neither the poses nor the commands have a field %s, which %s names as %s; "
+                "name its topic or file" % (source.path, field, file, KEYS[section])
+            )
+        return only[0] if only else ""
+
+    def _clock(self, own: Clock, topic: str) -> Clock:
+        """Its own clock, or that of the table which it shares."""
+        if own.is_of_fields or own.source:
+            return own
+        mapping = self.mapping
+        shared = {mapping.commands.topic: mapping.commands.time, mapping.poses.topic: mapping.poses.time}
+        return shared.get(topic, own)

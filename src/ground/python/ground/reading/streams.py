@@ -7,6 +7,8 @@ from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
 from ground.support.errors import GroundError
 
+ENCODINGS = ("ros1", "cdr")  #: of messages of ROS 1 and 2
+
 Row = Tuple[int, bytes]  #: time of receipt [ns] and content of a message
 
 
@@ -17,9 +19,9 @@ class Stream:
     key: Any  #: by which its source knows it
     topic: str
     kind: str  #: type of the messages as ROS 2 names it, "geometry_msgs/msg/PoseStamped"
-    encoding: str  #: of the messages: "ros1", "cdr", "json" or "protobuf"
-    form: str = ""  #: of the definition: "msg", "idl" or "protobuf"
-    definition: Any = ""  #: of the type: text, or the bytes of a protobuf; empty: the file has none
+    encoding: str  #: of the messages; only those in ENCODINGS are read
+    form: str = ""  #: of the definition: "msg" or "idl"
+    definition: str = ""  #: of the type; empty: the file has none
     digest: str = ""  #: hash of the type as ROS 2 takes it (REP 2011)
     count: int = 0  #: number of the messages
 

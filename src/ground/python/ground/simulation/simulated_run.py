@@ -14,10 +14,10 @@ import numpy as np
 from ground import _core
 from ground.poses.inertial import InertialSamples
 from ground.reading import messages
-from ground.reading.battery import Voltage
 from ground.reading.commands import CHANNELS
 from ground.reading.recording import Recording
 from ground.reading.run_settings import AXES
+from ground.reading.sensors import Voltage
 from ground.support import files
 from ground.support.annotations import Array, Message, Path, Time
 from ground.support.origin import digest_of_files
