@@ -113,7 +113,7 @@ def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
 
 def reading_options(arguments: argparse.Namespace) -> Document:
     """The options of ground.read that the arguments say, with absolute paths."""
-    names = [name for name in inspect.signature(api.read).parameters if name != "bags"]
+    names = [name for name in inspect.signature(reader.read).parameters if name != "bags"]
     found = {name: getattr(arguments, name) for name in names if getattr(arguments, name) not in (None, ())}
     if "mapping" in found:
         found["mapping"] = os.path.abspath(found["mapping"])

@@ -103,9 +103,7 @@ def workbench(
 def _taken(given: Recordings, reading: Mapping[str, Any]) -> List[Recording]:
     """The recordings, and those in the bags, read with some options."""
     every = [given] if isinstance(given, (Recording, str, os.PathLike)) else given
-    return taken(
-        [r for one in every for r in ([one] if isinstance(one, Recording) else read(one, **reading))]
-    )
+    return taken([read(one, **reading) if isinstance(one, (str, os.PathLike)) else one for one in every])
 
 
 def _room_of(runs: Sequence[Recording]) -> Optional[Room]:
