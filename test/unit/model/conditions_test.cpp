@@ -30,7 +30,7 @@ constexpr double kFrame = 0.02;   // between poses [s]
 struct Setting {
   double lift = 0.8;
   std::optional<double> volts = 7.0;
-  double t = 3;      ///< since the drive began, at the start [s]
+  double t = 3;        ///< since the drive began, at the start [s]
   double angle = 0.2;  ///< input of the rudder
 
   Conditions<double> given() const { return {lift, volts}; }
@@ -68,11 +68,12 @@ struct Probe {
   Setting other;
 
   Model model() const {
-    const std::string head = "schema: ground/model/1\nname: probe\nbody:\n  m: 1.2\n  I_z: 0.02\n  X_u: 0.2\n"
-                             "  Y_v: 0.3\n  N_r: 0.01\n  k: 2\n  volts: 7.4\n  thrusters:\n"
-                             "    - {name: fan, position: [-0.2, 0], direction: 0}\n"
-                             "    - {name: rudder, position: [-0.25, 0], angle: 30, foil: {stream: fan, force: "
-                             "0.02, jet: 40, own_speed: 0, own_sway: 0}}\neffects: []\n";
+    const std::string head =
+        "schema: ground/model/1\nname: probe\nbody:\n  m: 1.2\n  I_z: 0.02\n  X_u: 0.2\n"
+        "  Y_v: 0.3\n  N_r: 0.01\n  k: 2\n  volts: 7.4\n  thrusters:\n"
+        "    - {name: fan, position: [-0.2, 0], direction: 0}\n"
+        "    - {name: rudder, position: [-0.25, 0], angle: 30, foil: {stream: fan, force: "
+        "0.02, jet: 40, own_speed: 0, own_sway: 0}}\neffects: []\n";
     const Model plain = parseModel(head, "probe.yaml");
     if (factor.empty()) return plain;
     return withEffect(plain,
@@ -307,7 +308,7 @@ struct Consumer {
   Answer (*answer)(const Model&, const Setting& told);
   /// Conditions that it does not ask for, because it considers all of them.
   std::vector<std::string> whatever = {};
-  bool measures = false;              ///< it is told no voltage: it has a battery
+  bool measures = false;  ///< it is told no voltage: it has a battery
 };
 
 const Consumer kConsumers[] = {
