@@ -294,14 +294,14 @@ TEST(Physics, ThrustFollowsTheVoltageOfTheBattery) {
   Model model = with("battery_voltage");
   model.body.volts = 7.4;
   model.setValue("battery_voltage.p", 1.5);
-  const auto surge = [&](const Model& craft, double volts) {
+  const auto surge = [&](const Model& craft, std::optional<double> volts) {
     const Thrusters<double> full{1.0, 1.0};
     return Dynamics<double>(craft).derivative(0, {}, full, {1.0, volts}).nu.x();
   };
-  const double full = surge(tinyWhoover(), 0);
+  const double full = surge(tinyWhoover(), std::nullopt);
   EXPECT_NEAR(surge(model, 7.4), full, 1e-12);
   EXPECT_NEAR(surge(model, 6.66), std::pow(0.9, 1.5) * full, 1e-12);
-  EXPECT_EQ(surge(model, 0), full) << "the voltage is not known";
+  EXPECT_EQ(surge(model, std::nullopt), full) << "the voltage is not known";
   model.body.volts = 0;
   EXPECT_EQ(surge(model, 6.66), full) << "at which voltage k holds is not told";
 }

@@ -248,11 +248,11 @@ TEST(ModelFile, TellsAtWhichVoltageThrustHolds) {
   const std::string effect =
       "{name: weak, expression: {X: \"c * volt\"}, parameters: {c: {value: 0.01, unit: N/V, neutral: 0}}}";
   const Model with = withEffect(model, effect, "f");
-  const auto surge = [&](double volts) {
+  const auto surge = [&](std::optional<double> volts) {
     return Dynamics<double>(with).derivative(0, {}, {0, 0}, {1.0, volts}).nu.x() -
            Dynamics<double>(model).derivative(0, {}, {0, 0}, {1.0, volts}).nu.x();
   };
-  EXPECT_NEAR(surge(0), 0.074 / model.body.m, 1e-12);
+  EXPECT_NEAR(surge(std::nullopt), 0.074 / model.body.m, 1e-12);
   EXPECT_NEAR(surge(6), 0.06 / model.body.m, 1e-12);
   const std::string lacking = std::string(kGood) + "  - " + effect + "\n";
   try {
