@@ -9,7 +9,7 @@ namespace {
 constexpr double kSampleAge = 0.03;  // longest time without a sample before a pose [s]
 constexpr double kBiasMemory = 3;    // of biases [s]
 constexpr double kCompared = 0.5;    // over which innovations are averaged [s]
-constexpr double kWorse = 1.25;      // largest mean squared innovation relative to that without the sensors
+constexpr double kWorse = 2;         // largest mean squared innovation relative to that without the sensors
 constexpr double kGyroNoise = 4e-3,
                  kPushNoise = 0.1;       // of a sample, with what its bias leaves [rad/s], [m/s^2]
 constexpr double kMeanPushNoise = 0.05;  // of a mean between poses, whose bias is estimated [m/s^2]
