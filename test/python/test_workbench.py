@@ -234,6 +234,7 @@ def test_3_a_zoom_in_one_view_is_one_in_all(page, bench):
     for action in ("cut", "judge"):
         assert bench.ask(action, run=name, span=None)[0] == 200
     page.until("S.judge === null && S.runs[0].cuts.length === 0")
+    page.click("brush")
     page.settled()
 
 

@@ -5,7 +5,7 @@ const VELOCITIES = [["u", "surge u [m/s]"], ["v", "sway v [m/s]"], ["r", "yaw ra
 const MOST = 120;  // of a longer part of a run, so many seconds are predicted [s]
 const LONG = 60;  // of a longer run, the first so many seconds are shown at first
 const COMMANDS = ["#56b4e9", "#e69f00", "#009e73", "#cc79a7"];
-const config = {responsive: true, displayModeBar: false};
+const config = {responsive: true, displayModeBar: false, showTips: false};
 let S = null, draft = {}, dragging = false, view = {run: "", from: 0, to: 0}, other = "", drawnOf = "", triedOf = "";
 let known = {};  // what is drawn: measured, curves, missing
 window.timing = {drag: [], net: [], all: [], first: 0, undo: [], add: []};
