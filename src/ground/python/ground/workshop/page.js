@@ -422,8 +422,9 @@ document.addEventListener("keydown", event => {
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => show(S));
 const events = new EventSource("events?token=" + encodeURIComponent(token));
-const changed = later(40, refresh);
-events.onmessage = event => { if (!S || Number(event.data) !== S.version) changed(); };
+let newest = -1;
+const changed = later(10, async () => { await fetching; if (!S || S.version !== newest) refresh(); });
+events.onmessage = event => { newest = Number(event.data); changed(); };
 events.onerror = () => say("The workbench does not answer. If it was ended, start it again: nothing is lost.", true);
 events.onopen = () => { if ($("said").textContent.startsWith("The workbench does not")) say(""); };
 refresh();
