@@ -16,7 +16,7 @@ import pytest
 
 import ground
 from browsing import waiting
-from conftest import MODEL, SHARED, located, slow, started_browser, wait_for
+from conftest import MODEL, ROOT, SHARED, located, slow, started_browser, wait_for
 from ground.data import import_csv
 from ground.effect_library import units
 from ground.support.errors import GroundError
@@ -234,6 +234,7 @@ def test_3_a_zoom_in_one_view_is_one_in_all(page, bench):
     for action in ("cut", "judge"):
         assert bench.ask(action, run=name, span=None)[0] == 200
     page.until("S.judge === null && S.runs[0].cuts.length === 0")
+    page.click("brush")
     page.settled()
 
 
@@ -476,7 +477,7 @@ def test_an_hour_and_twenty_runs_are_drawn_thinned(browser, tmp_path):
 
 def test_physics_comes_from_the_public_functions():
     """The room imports ground, and of its other rooms what reads recordings and what all of them share."""
-    folder = pathlib.Path(ground.__file__).parent / "workshop"
+    folder = ROOT / "src/ground/python/ground/workshop"
     text = "".join(path.read_text() for path in folder.glob("*.py"))
     rooms = set(re.findall(r"^ *(?:from|import) ground\.(\w+)", text, re.M))
     assert rooms <= {"data", "models", "recordings", "support", "workshop"}
@@ -650,6 +651,8 @@ def test_speed(page, bench):
             "if (i > 30) clearInterval(d); }, 120)")  # fmt: skip
     page.until("i > 30 && timing.drag.length > 3")
     page.js("document.getElementById('p_k').dispatchEvent(new Event('change'))")
+    page.until("Object.keys(draft).length === 0")
+    page.settled()
     for _ in range(3):
         node = page.js("return S.current")
         page.js("begin('add', 'yaw_bias')")

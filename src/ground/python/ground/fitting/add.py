@@ -9,7 +9,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import distributions, horizon, judge, window_error, windows
-from ground.analysis.horizon import ModelsAt, PredictionError, as_document
+from ground.analysis.horizon import ModelsAt, PredictionError, Starts, as_document
 from ground.analysis.window_error import WindowFit
 from ground.data import bag_arguments
 from ground.data.measured import Measured, held_out, measured
@@ -27,7 +27,7 @@ from ground.models import (
 )
 from ground.reports import words
 from ground.support import command_line
-from ground.support.annotations import Document, Path
+from ground.support.annotations import Array, Document, Path
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
 from ground.support.results import Shown
@@ -193,14 +193,23 @@ def add(
     models: Dict[str, ModelsAt] = {name: horizon.same(one.model) for name, one in fits.items()}
     if not held.data:
         models = {name: functools.partial(fitter.models_at, one) for name, one in fits.items()}
-    prediction = horizon.prediction_error(tested, seconds, models, after.model)
     at = horizon.Starts.of(tested, seconds)
+    off = {name: at.errors(tested, own(at.windows)) for name, own in models.items()}
+    prediction = _prediction(tested, at, off, after.model)
     part_of = window_error.parts_of(tested, at.windows)
-    larger, smaller = (
-        judge.Tested(at.errors(tested, models[name](at.windows)), part_of) for name in ("with", "without")
-    )
+    larger, smaller = (judge.Tested(off[name], part_of) for name in ("with", "without"))
     judged = judge.compared(larger, smaller, horizon.what_matters(tested))
     return _result(candidate.name, seen, fitter.windows, before, after, errors, prediction, judged)
+
+
+def _prediction(
+    runs: Sequence[_core.RunData], at: Starts, off: Dict[str, Array], truth: _core.Model
+) -> Optional[PredictionError]:
+    """horizon.prediction_error of models whose errors at all starts are known."""
+    few = windows.spread(list(at.windows), window_error.FEW_WINDOWS)
+    chosen = [i for i, window in enumerate(at.windows) if any(window is one for one in few)]
+    errors = {name: horizon.PoseError.of(found[chosen]) for name, found in off.items()}
+    return horizon.with_floors(runs, Starts(few, at.seconds), errors, truth) if few else None
 
 
 def _result(

@@ -1,6 +1,5 @@
 """A file of events: what was done, a line of JSON for each step, on the disk before anybody hears of it."""
 
-import fcntl
 import json
 import os
 from typing import List
@@ -16,6 +15,8 @@ class EventFile:
     def __init__(self, path: str, schema: str) -> None:
         """schema: of the first event. GroundError when the file cannot be written, is damaged or of another
         schema, or another process has it."""
+        import fcntl  # not everywhere
+
         self.path = path
         try:
             self._file = open(self.path, "a+b", buffering=0)

@@ -5,7 +5,7 @@ const VELOCITIES = [["u", "surge u [m/s]"], ["v", "sway v [m/s]"], ["r", "yaw ra
 const MOST = 120;  // of a longer part of a run, so many seconds are predicted [s]
 const LONG = 60;  // of a longer run, the first so many seconds are shown at first
 const COMMANDS = ["#56b4e9", "#e69f00", "#009e73", "#cc79a7"];
-const config = {responsive: true, displayModeBar: false};
+const config = {responsive: true, displayModeBar: false, showTips: false};
 let S = null, draft = {}, dragging = false, view = {run: "", from: 0, to: 0}, other = "", drawnOf = "", triedOf = "";
 let known = {};  // what is drawn: measured, curves, missing
 window.timing = {drag: [], net: [], all: [], first: 0, undo: [], add: []};
@@ -422,8 +422,9 @@ document.addEventListener("keydown", event => {
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => show(S));
 const events = new EventSource("events?token=" + encodeURIComponent(token));
-const changed = later(40, refresh);
-events.onmessage = event => { if (!S || Number(event.data) !== S.version) changed(); };
+let newest = -1;
+const changed = later(10, async () => { await fetching; if (!S || S.version !== newest) refresh(); });
+events.onmessage = event => { newest = Number(event.data); changed(); };
 events.onerror = () => say("The workbench does not answer. If it was ended, start it again: nothing is lost.", true);
 events.onopen = () => { if ($("said").textContent.startsWith("The workbench does not")) say(""); };
 refresh();
