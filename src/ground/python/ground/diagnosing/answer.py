@@ -10,7 +10,8 @@ from ground.analysis import candidates
 from ground.analysis.diagnosis import EXPLAINED
 from ground.diagnosing import words
 from ground.recordings import suspicions
-from ground.reports.words import capital, direction, listed, number, off, prediction
+from ground.reports import effect_words
+from ground.reports.words import capital, listed, number, off, prediction
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
@@ -85,10 +86,13 @@ def _effect(report: Document, step: Document) -> str:
     own = {key.split(".", 1)[1]: p for key, p in values.items() if key.startswith(name + ".")}
     means = " - " + report["means"][name] if name in report["means"] else ""
     told = "%s%s: %s" % (name, means, ", ".join(words.parameters(own)))
-    if all(p["identified"] and None not in p["ci95"] for p in own.values()):
-        deviations = {key: (p["ci95"][1] - p["ci95"][0]) / 3.92 for key, p in own.items()}
-        where = direction(name, {key: p["value"] for key, p in own.items()}, deviations)
-        told += ", so that " + where if where else ""
+    estimates = {
+        key: effect_words.Estimate.of(p["value"], words.interval(p), p["unit"], p["identified"])
+        for key, p in own.items()
+        if p["value"] is not None
+    }
+    does = effect_words.sentence(name, estimates)
+    told += ", so that " + does if does else ""
     others = [other for other in step["group"] if other != name]
     if others:
         told += ". These runs do not distinguish it from %s" % words.effects(report, others)

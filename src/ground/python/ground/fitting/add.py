@@ -24,7 +24,7 @@ from ground.models import (
     parameters_by_name,
 )
 from ground.recordings import windows
-from ground.reports import words
+from ground.reports import effect_words, words
 from ground.support import command_line
 from ground.support.annotations import Document, Path
 from ground.support.headline import Line
@@ -103,12 +103,11 @@ class Addition(Shown):
         own = [p for name, p in self.parameters.items() if name.split(".")[0] == self.effect]
         values = ", ".join("%s %s" % (p.name.split(".", 1)[1], p.words) for p in own)
         by_name = {p.name.split(".", 1)[1]: p for p in own}
-        told = words.direction(
+        does = effect_words.sentence(
             self.effect,
-            {name: p.value for name, p in by_name.items()},
-            {name: p.deviation for name, p in by_name.items()},
+            {n: effect_words.Estimate.of(p.value, p.ci95, p.unit, p.identified) for n, p in by_name.items()},
         )
-        values += "; " + told if told else ""
+        values += ", so that " + does if does else ""
         answer = "yes" if self.verdict.helps else "no"
         do = "use the model with it" if self.verdict.helps else "keep the model without it"
         return [

@@ -187,14 +187,15 @@ def _interval(parameter: Document) -> Tuple[float, float, float]:
 
 
 def _relative(one: Tuple[float, float, float]) -> Tuple[float, float]:
-    """Distances of an interval's ends from the value, relative to it."""
-    return (one[0] - one[1]) / one[0], (one[2] - one[0]) / one[0]
+    """Distances of the logarithms of an interval's ends from that of the value, which is positive."""
+    value, low, high = one
+    return math.log(value / low) if low > 0 else math.inf, math.log(high / value)
 
 
 def _times(value: float, *relative: Tuple[float, float]) -> Tuple[float, float, float]:
-    """A value with an interval of several independent uncertainties."""
+    """A positive value with the interval of several independent uncertainties of its logarithm."""
     below, above = (math.sqrt(sum(end[i] ** 2 for end in relative)) for i in (0, 1))
-    return value, value * (1 - below), value * (1 + above)
+    return value, value * math.exp(-below), value * math.exp(above)
 
 
 def _plain(one: Tuple[float, float, float]) -> Document:

@@ -263,12 +263,11 @@ def evidence(report: Document) -> Iterator[str]:
 
 
 def told(value: Optional[Document]) -> str:
-    """A value with the half length of its interval."""
+    """A value with its interval; an end without a number stays empty."""
     if value is None:
         return "-"
-    ends = [end for end in value["ci95"] if end is not None]
-    half = max(abs(end - value["value"]) for end in ends) if len(ends) == 2 else None
-    return "%.3g ± %s" % (value["value"], "%.2g" % half if half is not None else "much")
+    low, high = ("" if end is None else "%.3g" % end for end in sorted_ends(value["ci95"]))
+    return "%.3g (%s to %s)" % (value["value"], low, high)
 
 
 def verdict(one: Document) -> str:
