@@ -81,6 +81,27 @@ def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
     return pandas.DataFrame(rows, index=index, columns=columns)
 
 
+class Estimated:
+    """A result with estimated parameters, by the names that statsmodels gives them, too."""
+
+    parameters: Dict[str, Parameter]
+
+    @property
+    def params(self) -> "pandas.Series":
+        """Estimates by the names of parameters."""
+        import pandas
+
+        return pandas.Series({name: p.value for name, p in self.parameters.items()}, dtype=float)
+
+    @property
+    def bse(self) -> "pandas.Series":
+        """Standard errors of the estimates; not a number for parameters that are not identified."""
+        import pandas
+
+        known = {name: p.deviation if p.identified else np.nan for name, p in self.parameters.items()}
+        return pandas.Series(known, dtype=float)
+
+
 @dataclass(frozen=True)
 class Fitted:
     """How a model was fitted, as its file says.

@@ -81,4 +81,4 @@ def _lines(runs: Sequence[Document], as_table: bool) -> Iterator[str]:
     yield from ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows] if as_table else []
     changed = ["%s %d times" % (run["run"], run["changes"]) for run in runs if run["changes"]]
     told = "parameters changed while these ran: %s; identify info lists them" % ", ".join(changed)
-    yield from formatted([("Next", told if changed else "nothing needed")])
+    yield from formatted([("Next", told if changed else "nothing needed; the program tune searches for better gains")])

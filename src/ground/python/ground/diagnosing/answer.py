@@ -238,10 +238,12 @@ def _next(report: Document, folder: str) -> str:
         return "record more and longer runs to see whether more is missing; the model is usable now"
     if kind in ("complete", "missing") and _rest_matters(report) and not _is_chance(report):
         return _repeat(report, " (roslaunch: returns:=false)" if folder else "")
+    model = _in(folder, "improved.yaml") if folder else "diagnosis.improved"
+    told = "nothing needed; controllers and the simulator take %s" % model
     if proposed:
-        told = "nothing needed. These runs cannot show %s; this would:\n%s"
-        return told % (words.effects(report, proposed["separates"][:1]), flies)
-    return "nothing needed"
+        hidden = words.effects(report, proposed["separates"][:1])
+        return "%s. These runs cannot show %s; this would:\n%s" % (told, hidden, flies)
+    return told
 
 
 def _repeat(report: Document, by: str) -> str:

@@ -63,6 +63,7 @@ def begun(
             "error": _error(conclusion.after.error.sum(), conclusion.after.heldout.sum(), by),
             "cross_validated": conclusion.cross_validated,
             "by": conclusion.after.by,
+            **({"likelihood": _likelihood(diagnosis)} if conclusion.after.by == "likelihood" else {}),
         },
         "noise_floor": conclusion.heldout_floor,
         "prediction": horizon.as_document(conclusion.prediction),
@@ -114,6 +115,16 @@ def completed(
         "bands": banded,
         "next_experiment": _next_experiment(diagnosis, alike, room),
         "unexplained": _unexplained(conclusion),
+    }
+
+
+def _likelihood(diagnosis: Diagnosis) -> Document:
+    """The log-likelihood of the grown model, and what information criteria need."""
+    fit = diagnosis.fit
+    return {
+        "llf": float(fit.by_run.sum()),
+        "parameters": len(fit.free),
+        "observations": diagnosis.samples,
     }
 
 

@@ -11,7 +11,7 @@ from ground.analysis.effects import Effect
 from ground.analysis.verdict import MISREAD
 from ground.diagnosing import answer, document, words
 from ground.diagnosing.drawn import REFITTED, Drawn
-from ground.models import Model, Parameter
+from ground.models import Estimated, Model, Parameter
 from ground.reports import matlab, result_folder
 from ground.support import files
 from ground.support.annotations import Array, Document, Path
@@ -27,7 +27,7 @@ FILES = ("diagnosis.json", "report.html", "improved.yaml", "proposal.yaml", "nex
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Shown, Plotted):
+class Diagnosis(Shown, Plotted, Estimated):
     """Which effects are missing in a model, by how much they improve it, and the model with them.
 
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "wind"])
@@ -36,6 +36,8 @@ class Diagnosis(Shown, Plotted):
     >>> again = ground.load("diagnosis")
     >>> again.effects, again.improved == found.improved, again.error == found.error
     (('yaw_bias',), True, True)
+    >>> round(found.aic + 2 * found.llf) == 2 * len(found.params)
+    True
     """
 
     verdict: str  #: complete, missing, varies, memory, unexplained, undecided or misread
@@ -55,6 +57,37 @@ class Diagnosis(Shown, Plotted):
         """A formula for what has no name, as an effect that can be added; None without one."""
         entry = document.proposed_effect(self.report)
         return Effect.of(entry) if entry else None
+
+    @property
+    def llf(self) -> float:
+        """Log-likelihood of the measured poses (and of gyro and accelerometer, where they were recorded)
+        under the improved model with a random disturbance and the noise of the poses, whose levels are
+        fitted, too: of one-step predictions of a Kalman filter (docs: Likelihood). Poses are thinned; of
+        long runs, it is of the parts that were searched (`seconds` of the report). GroundError where the improved model was fitted by simulation error, or the diagnosis was saved by
+        an older version."""
+        return float(self._likelihood["llf"])
+
+    @property
+    def aic(self) -> float:
+        """Akaike's criterion, 2 k - 2 llf. k counts the parameters, not the levels of disturbance and
+        noise, which all models have."""
+        return 2 * self._likelihood["parameters"] - 2 * self.llf
+
+    @property
+    def bic(self) -> float:
+        """Schwarz's criterion, k ln(n) - 2 llf, with k as in `aic` and three numbers for each pose in n."""
+        found = self._likelihood
+        return float(found["parameters"] * math.log(found["observations"]) - 2 * self.llf)
+
+    @property
+    def _likelihood(self) -> Document:
+        found: Optional[Document] = self.report["improved"].get("likelihood")
+        if found is None:
+            raise GroundError(
+                "the improved model has no likelihood: it was fitted by simulation error, or the diagnosis was "
+                "saved by an older version"
+            )
+        return found
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: what is missing, how much it matters, and what to do next."""

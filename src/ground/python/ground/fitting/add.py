@@ -16,6 +16,7 @@ from ground.data import bag_arguments
 from ground.data.measured import Measured, Recordings, held_out, measured
 from ground.fitting.result import Change
 from ground.models import (
+    Estimated,
     Model,
     ModelLike,
     Parameter,
@@ -51,7 +52,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, repr=False)
-class Addition(Shown):
+class Addition(Shown, Estimated):
     """A model with an added effect. The models with and without it are refitted.
 
     >>> found = ground.add(model_file, "yaw_bias", bag)

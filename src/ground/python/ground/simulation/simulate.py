@@ -500,8 +500,8 @@ def _headline(arguments: argparse.Namespace, model: Model, run: SimulatedRun) ->
         yield "Distance", "%.3f m rms from the reference" % run.tracking_error
     yield "Recording", arguments.output
     if run.disturbance is None and not model.core.disturbance.empty():
-        text = "the disturbance of %s did not act: --disturbance applies it" % arguments.model
-        yield "Next", text
+        text = "simulate again with --disturbance, so that the disturbance of %s acts; or go on without it"
+        yield "Next", text % arguments.model
     else:
         yield (
             "Next",
