@@ -5,14 +5,21 @@ import re
 
 import numpy as np
 import pytest
+
+import ground
 from ground import _core
 from ground.analysis import candidates
 from ground.reports import effect_words
 from ground.reports.effect_words import Estimate, sentence
 
-import ground
-
-CRAFTS = ("tiny_whoover", "free_flyer", "air_table", "one_fan_rudder", "propeller_ship", "twin_screw_catamaran")
+CRAFTS = (
+    "tiny_whoover",
+    "free_flyer",
+    "air_table",
+    "one_fan_rudder",
+    "propeller_ship",
+    "twin_screw_catamaran",
+)
 MODELS = {name: ground.Model.load(name) for name in CRAFTS}
 EFFECTS = [
     (craft, name, described["parameters"])
@@ -38,7 +45,9 @@ def moved(p, sign):
 @pytest.mark.parametrize("craft, effect, parameters", EFFECTS)
 def test_each_parameter_of_each_effect_says_what_it_does(craft, effect, parameters):
     for sign in (1, -1):
-        found = {p["name"]: exactly(moved(p, sign), p["unit"]) for p in parameters if moved(p, sign) is not None}
+        found = {
+            p["name"]: exactly(moved(p, sign), p["unit"]) for p in parameters if moved(p, sign) is not None
+        }
         for p in parameters:
             if p["name"] not in found or p["shape"]:
                 continue
@@ -49,7 +58,12 @@ def test_each_parameter_of_each_effect_says_what_it_does(craft, effect, paramete
             if effect not in candidates.effects():  # one thruster, or a kind that few crafts have
                 alone = effect[len(effect_words.kind_of(effect)) + 1 :]
                 assert alone in told
-    assert sentence(effect, {p["name"]: Estimate(p["neutral"], p["neutral"], p["neutral"], "") for p in parameters}) == ""
+    assert (
+        sentence(
+            effect, {p["name"]: Estimate(p["neutral"], p["neutral"], p["neutral"], "") for p in parameters}
+        )
+        == ""
+    )
 
 
 # Where the phrase says so the acceleration is positive: effect, parameter, velocities, inputs, component (of
@@ -58,7 +72,14 @@ PUSHES = [
     ("body_force_bias", "x0", (0, 0, 0), (0, 0), 3, "ahead"),
     ("body_force_bias", "y0", (0, 0, 0), (0, 0), 4, "to the right"),
     ("yaw_bias", "n0", (0, 0, 0), (0, 0), 5, "to the right"),
-    ("thrust_asymmetry", "a", (0, 0, 0), (0.5, 0.5), 5, "left side pushes 8% more and the right side pushes 8% less"),
+    (
+        "thrust_asymmetry",
+        "a",
+        (0, 0, 0),
+        (0.5, 0.5),
+        5,
+        "left side pushes 8% more and the right side pushes 8% less",
+    ),
     ("thrust_misalignment", "angle", (0, 0, 0), (0.5, 0.5), 4, "to the right"),
     ("thrust_curve", "p", (0, 0, 0), (0.5, 0.5), 3, "larger"),
     ("thrust_speed_loss", "c", (1, 0, 0), (0.5, 0.5), 3, "rises"),

@@ -226,7 +226,7 @@ class Model(Shown):
 
     def with_effect(self, effect: EffectLike, **values: float) -> "Model":
         """A copy with an effect: an Effect, a name of the library, a YAML file with one effect, or its
-        entry in a model file; values: those of its parameters. Also `model + effect`. GroundError when
+        entry in a model file; values: of its parameters. Also `model + effect`. GroundError when
         there is no such effect, or the model has it already."""
         candidate = Effect.of(effect).candidate(self.core)
         extended = _changed(candidate.add(self.core))
@@ -302,7 +302,7 @@ ModelLike = Union[Model, Path]
 
 
 def _changed(core: _core.Model) -> Model:
-    """The model of a core whose values are no longer those of the fit that its provenance is about."""
+    """The model of a core whose values changed since the fit that its provenance is about."""
     core.provenance = _core.Provenance()
     return Model(core)
 

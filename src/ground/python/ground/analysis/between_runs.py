@@ -3,9 +3,8 @@
 A likelihood weighs runs by what noise and disturbance explain. Where their own values differ by more, the
 interval of the common value is too narrow. The own value of a run is a few Newton steps from the common
 one. That all are the same is tested by the weighted squares of first steps (Cochran 1954), which derivatives
-at the common value alone give. Whatever it says, the interval holds that of the mean of values that differ
-from run to run (Paule and Mandel 1982), of the runs that tell a parameter.
-"""
+at the common value alone give. Whatever it says, the interval contains the interval of the mean of values
+that differ from run to run (Paule and Mandel 1982), of the runs that tell a parameter."""
 
 from dataclasses import replace
 from typing import Dict, List, Sequence, Tuple
@@ -20,7 +19,8 @@ from ground.analysis.search import LEVEL
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
-WEAK = 1e-6  # information that keeps what a run does not tell at the common value, over that of all runs
+# Information that keeps directions that a run does not identify at the common value, over all runs'
+WEAK = 1e-6
 TOLD = 0.01  # largest variance of a parameter that a run tells, over that by the weak information alone
 
 
@@ -56,9 +56,9 @@ def _told(own: Sequence[Tuple[Array, Array]], j: int) -> Tuple[Array, Array]:
 
 
 def _newton(alone: Likelihood, fit: Fit, scores: Dict[str, Array], weak: Array) -> List[Tuple[Array, Array]]:
-    """Coordinates of a run's own values relative to those of a fit, and their variances, infinite where the
-    run does not tell a parameter, after each of four Newton steps. alone: of the run; scores: at the common
-    values; weak: information added to that of the run."""
+    """Coordinates of a run's own values relative to the coordinates of a fit, and their variances, infinite
+    where the run does not identify a parameter, after each of four Newton steps. alone: of the run; scores:
+    at the common values; weak: information added to the run's own."""
     scale, at, found = scores["scale"], np.zeros(len(weak)), []
     while True:
         covariance = solve(scores["information"] + weak, np.eye(len(weak)))

@@ -77,7 +77,7 @@ class Folds:
 
     def _without(self, fold: int, fit: Fit) -> Fit:
         """A Fit refitted without a fold. The noise of each run is found anew; where the motion is not finite
-        without it, the search starts from that of the Fit."""
+        without it, the search starts from the noise of the Fit."""
         own = fit.loudness * (self.count - 1)
         if len(self.runs) > 1:
             own = tuple(noise for run, noise in enumerate(fit.loudness) if run % self.count != fold)
@@ -150,10 +150,9 @@ def judged_windows(found: window_error.WindowFit, tested: Tested, others: Sequen
 
 
 def _blocks_of(likelihood: Likelihood, fit: Fit) -> List[Array]:
-    """Log-likelihood of the blocks of each run by a Fit to others. Noise and disturbance are those of
-    these runs themselves: what is judged is the motion, and a model that leaves less to the
-    disturbance would else be too sure of runs that differ from those it was fitted to. -inf for all
-    blocks of a run together where the motion is not finite."""
+    """Log-likelihood of the blocks of each run by a Fit to others. Levels of noise and
+    disturbance are refitted to these runs, so that a better fit is not punished for levels that are
+    lower than these runs have. -inf for all blocks of a run together where the motion is not finite."""
     try:
         own = likelihood.fit(fit.model, [], near=replace(fit, loudness=()))
         return likelihood.blocks(own, own.loudness)

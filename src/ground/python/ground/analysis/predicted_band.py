@@ -3,10 +3,9 @@
 A model that was fitted to some runs predicts others by two uncertain things: its parameters, and what
 it lacks. Fits without each part of the runs differ by both (the delete-one-group jackknife: Efron and Stein
 1981). By how much they differ, sample by sample, is the shape of the band: wide where a manoeuvre asks for
-what the runs do not tell. Of what was known before the fit, models that are shifted by its deviations add to
-it, for the runs do not tell that. Its size is calibrated: so that bands about the predictions of held-out
-runs hold the wanted share of them.
-"""
+what the runs do not identify. Of what was known before the fit, models that are shifted by its deviations add
+to it, for the runs do not identify that. Its size is calibrated: so that bands about the predictions of
+held-out runs hold the wanted share of them."""
 
 from dataclasses import dataclass
 from typing import Callable, List, Optional, Sequence, Tuple
@@ -57,7 +56,7 @@ def half_width(parts: Sequence[HeldOut], level: float, course: Courses, run: _co
 
 
 def beyond(parts: Sequence[HeldOut], predicted: Array) -> List[int]:
-    """Velocities u, v, r (0, 1, 2) that a prediction (n, 6) takes beyond those of the runs fitted to."""
+    """Numbers of the velocities of a prediction (n, 6) that exceed all of the runs fitted to."""
     seen = np.vstack([np.array(run.nu) for part in parts for run in part.runs])
     size, most = np.abs(predicted[:, 3:]).max(axis=0), np.abs(seen).max(axis=0)
     return [int(i) for i in np.flatnonzero(size > FAR * most)]

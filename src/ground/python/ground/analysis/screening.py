@@ -4,7 +4,7 @@ Each is a product of two scalars (ground.analysis.scalars), such as a wave in th
 one channel. The score of all of them at once is a product of matrices: with g the response of the
 innovations to a unit wrench at each sample, times the innovations, the score of p(t) q(t) along e(t) is
 the sum of p q (e . g).
-Its variance without an effect is that of the same sum for random innovations. The best products are
+Its variance without an effect is the variance of the same sum for random innovations. The best products are
 multiplied with a third scalar, and screened again.
 """
 

@@ -191,7 +191,7 @@ def _grown(found: Diagnosis) -> Judged:
 
 def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
     """The grown model and its parameters, fitted to all of the runs by likelihood. Of long runs, levels are
-    those of the parts that the search used: their uncertainty hardly widens intervals then."""
+    fitted to the parts that the search used: their uncertainty hardly widens intervals then."""
     if found.is_excerpt:
         whole = Likelihood(found.all_runs, found.given, found.likelihood.varying, found.threads)
         with contextlib.suppress(GroundError):  # the motion in another part is not finite
@@ -207,8 +207,8 @@ def _by_simulation(
     found: Diagnosis, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()
 ) -> List[Judged]:
     """A model refitted by simulation error over long and over short windows, on which a disturbance adds up
-    to less, from its values and those of others, where it can be simulated. Errors are over the windows and
-    folds of a Diagnosis."""
+    to less, from its values and from other models' values, where it can be simulated. Errors are over the
+    windows and folds of a Diagnosis."""
     refits = []
     for part in (1.0, 1 / 3):
         with contextlib.suppress(GroundError):  # the simulation diverges

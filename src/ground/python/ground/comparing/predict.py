@@ -64,7 +64,7 @@ class Prediction(Shown, Plotted):
     ahead: Array  #: (n,) time since that start [s]
     measured: Array  #: (n, 6) poses as measured and repaired, velocities smoothed
     predicted: Array  #: (n, 6)
-    zero: float  #: origin of the run's clock, on that of the recording [s]
+    zero: float  #: origin of the run's clock, on the recording's clock [s]
     run: _core.RunData = field(repr=False)  #: the part of the run that is predicted
     band: Optional[float] = None  #: share of the samples that low and high are to hold; None: no band
     low: Optional[Array] = None  #: (n, 6) lower end of the band
@@ -233,7 +233,7 @@ class _Shape:
 
     @classmethod
     def of(cls, run: _core.RunData, seconds: float, model: _core.Model) -> "_Shape":
-        """Those of some seconds, or whole stretches if seconds are infinite; GroundError without any."""
+        """Stretches of some seconds, or whole ones if seconds are infinite; GroundError without any."""
         if np.isfinite(seconds):
             return cls(run, *_tiles(run, seconds))
         return cls(run, *_stretches(run, horizons.horizon([run], model)))

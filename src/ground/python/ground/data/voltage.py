@@ -43,7 +43,7 @@ def tried(
     only: Sequence[str],
     exclude: Sequence[str],
 ) -> List[candidates.Candidate]:
-    """Effects to try, with that of the voltage where one is recorded. GroundError when it is wanted and no
+    """Effects to try, with the voltage's where one is recorded. GroundError when it is wanted and no
     recording has one."""
     has_voltage = any(one.voltage is not None for one in recordings)
     if any(one.name == EFFECT for one in effects):

@@ -20,7 +20,7 @@ CERTAINTY = ((1e-6, "Very certain"), (1e-3, "Certain"), (math.inf, "Likely"))
 
 
 def lines(report: Document, folder: str = "") -> List[Line]:
-    """All first lines; folder: of the results; empty: they are not written, and commands are those of
+    """All first lines; folder: of the results; empty: they are not written, and commands are for
     Python."""
     return [*known_first(report), *known_last(report, folder)]
 
@@ -126,7 +126,7 @@ def _rest_matters(report: Document) -> bool:
 
 
 def _certainty(report: Document, step: Document) -> str:
-    """How certain an effect is, and what speaks against it."""
+    """How certain an effect is, and the evidence against it."""
     held, fitted = step["judged"]["holdout"], step["judged"]["fitted"]
     sure = next(word for chance, word in CERTAINTY if step["p_corrected"] < chance)
     if held and held["verdict"] == "worse":
@@ -176,7 +176,7 @@ def _rest(report: Document) -> str:
     if kind == "missing":
         doubted = not explained and not report["agreement"]["holds"]
         return "More may be missing: %s." % words.pattern(report) if doubted else ""
-    unnamed = "that has no name in the library"
+    unnamed = "that is not in the library"
     if report.get("selection"):
         unnamed = "that is none of the effects that were tried (%s)" % report["selection"]
     what = "something else" if report["improved"]["effects"] else "an effect"

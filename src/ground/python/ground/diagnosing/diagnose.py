@@ -55,7 +55,7 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
     )
     room: Optional[RoomLike] = option(
         None,
-        "room of the next experiment (that of the first run that has one, else 4 x 4 m)",
+        "room of the next experiment (of the first run that has one, else 4 x 4 m)",
         metavar="ROOM.yaml",
     )
 
@@ -188,9 +188,9 @@ def effects_to_try(
     exclude: Sequence[str] = (),
     effects: Sequence[EffectLike] = (),
 ) -> List[candidates.Candidate]:
-    """Effects of the library and of `effects`, selected by `only` and `exclude`. Those of `effects`
+    """Effects of the library and of `effects`, selected by `only` and `exclude`. The ones in `effects`
     are tried in addition to the library's in `only`, unless `only` names one of them; they replace
-    those of the library with the same names. GroundError when one does not exist or does not fit
+    effects of the library with the same names. GroundError when one does not exist or does not fit
     the model."""
     given = [Effect.of(effect) for effect in effects]
     own = [effect.candidate(model.core) for effect in given]

@@ -22,7 +22,7 @@ from ground.support.results import Plotted, Shown
 if TYPE_CHECKING:
     import pandas
 
-# Files of a diagnosis, in the order in which a user is told of them
+# Files of a diagnosis, in the order in which they are listed
 FILES = ("diagnosis.json", "report.html", "improved.yaml", "proposal.yaml", "next_experiment.csv")
 
 
@@ -63,8 +63,8 @@ class Diagnosis(Shown, Plotted, Estimated):
         """Log-likelihood of the measured poses (and of gyro and accelerometer, where they were recorded)
         under the improved model with a random disturbance and the noise of the poses, whose levels are
         fitted, too: of one-step predictions of a Kalman filter (docs: Likelihood). Poses are thinned; of
-        long runs, it is of the parts that were searched (`seconds` of the report). GroundError where the improved model was fitted by simulation error, or the diagnosis was saved by
-        an older version."""
+        long runs, it is of the parts that were searched (`seconds` of the report). GroundError where the
+        improved model was fitted by simulation error, or the diagnosis was saved by an older version."""
         return float(self._likelihood["llf"])
 
     @property
@@ -84,8 +84,8 @@ class Diagnosis(Shown, Plotted, Estimated):
         found: Optional[Document] = self.report["improved"].get("likelihood")
         if found is None:
             raise GroundError(
-                "the improved model has no likelihood: it was fitted by simulation error, or the diagnosis was "
-                "saved by an older version"
+                "the improved model has no likelihood: it was fitted by simulation error, or the "
+                "diagnosis was saved by an older version"
             )
         return found
 

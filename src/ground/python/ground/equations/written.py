@@ -57,7 +57,12 @@ class ExportedModel(Shown):
             ("Exported", "states %s; inputs %s." % (", ".join(self.states), ", ".join(self.inputs))),
             ("Checked", _checked(self.difference, self.unchecked)),
             ("File", self.path),
-            ("Next", "use it: its first lines say how" if self.difference is not None else "check it where it can be run"),
+            (
+                "Next",
+                "use it: its first lines say how"
+                if self.difference is not None
+                else "check it where it can be run",
+            ),
         ]
 
     def to_frame(self) -> "pandas.DataFrame":

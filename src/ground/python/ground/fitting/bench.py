@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unit",
         choices=sorted(bench_logs.NEWTONS),
-        help="unit of the forces (N; of a log that of its column's name)",
+        help="unit of the forces (N; of a log the unit in its column's name)",
     )
     parser.add_argument(
         "--log-columns",

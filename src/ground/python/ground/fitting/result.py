@@ -72,7 +72,7 @@ class RunFit:
     ci95: Dict[str, Tuple[float, float]]  #: their 95% intervals
     error: float
     heldout_error: float
-    disagrees_in: List[str]  #: parameters whose estimate differs from that of the other runs
+    disagrees_in: List[str]  #: parameters whose estimate differs from the estimate of the other runs
 
 
 @dataclass(frozen=True, repr=False)
@@ -145,7 +145,7 @@ class Fit(Shown, Plotted, Estimated):
         frame = self.to_frame()
         for p in self.parameters.values():
             if p.identified:
-                # one end may be that of the range
+                # one end may be the range's
                 reach = factor * max(abs(step(described[p.name], p.value, end)) for end in p.ci95)
                 ends = sorted(moved(described[p.name], p.value, by) for by in (-reach, reach))
                 frame.loc[p.name, ["low", "high"]] = ends
@@ -156,8 +156,8 @@ class Fit(Shown, Plotted, Estimated):
         """None: a fit minimises a simulation error, which has no likelihood. Raises GroundError, which says
         what has one: a diagnosis."""
         raise GroundError(
-            "a fit minimises a simulation error and has no likelihood; a diagnosis fits by likelihood and has "
-            "llf, aic and bic: ground.diagnose(fit.model, RECORDINGS)"
+            "a fit minimises a simulation error and has no likelihood; a diagnosis fits by likelihood and "
+            "has llf, aic and bic: ground.diagnose(fit.model, RECORDINGS)"
         )
 
     @property

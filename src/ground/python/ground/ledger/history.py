@@ -34,7 +34,7 @@ Folders = Union[Path, Iterable[Path]]
 
 @dataclass(frozen=True)
 class HistoryOptions(bag_arguments.AsRecorded):
-    """How runs are told apart and what is asked of them."""
+    """How runs are grouped into crafts, and what is estimated."""
 
     model: Optional[ModelLike] = option(
         None, "model of the crafts (the one that was recorded with the runs)", metavar="M.yaml"
@@ -180,7 +180,7 @@ def _types(runs: Sequence[Document], options: HistoryOptions) -> List[Tuple[Mode
     without = [run["path"] for run, text in zip(runs, texts) if not text]
     if without:
         raise GroundError(
-            "%s: no model was recorded with this run (%d of %d have none); --model names that of the crafts"
+            "%s: no model was recorded with this run (%d of %d have none); --model names the crafts' model"
             % (without[0], len(without), len(runs))
         )
     parsed: Dict[str, Model] = {}

@@ -29,7 +29,7 @@ CAUSES = {  # what usually changes a parameter
 
 
 def lines(report: Document, page: str = "") -> List[Line]:
-    """All first lines; page: its file; empty: it is not written, and commands are those of Python."""
+    """All first lines; page: its file; empty: it is not written, and commands are for Python."""
     found = [("Changed" if not i else "", text) for i, text in enumerate(_changed(report))]
     found += [("Odd craft" if not i else "", text) for i, text in enumerate(_odd(report))]
     found += [("Scatter", _scatter(report)), ("Runs", _runs(report))]
@@ -92,7 +92,7 @@ def sorted_ends(ends: Sequence[Optional[float]]) -> Sequence[Optional[float]]:
 
 
 def is_relative(report: Document, one: Document) -> bool:
-    """Whether a change or a difference is said in percent."""
+    """Whether a change or a difference is in percent."""
     relative: bool = _type(report, one)["parameters"][one["parameter"]]["relative"]
     return relative and one.get("before", 1.0) != 0
 
@@ -170,10 +170,7 @@ def _runs(report: Document) -> str:
     text += "; %d left out (the details say why)" % out if out else ""
     guessed = sum(run["time_from"] == "file" for run in runs)
     if guessed:
-        text += (
-            "; the time of %d is that of the file's last change: neither stamps nor names have a date"
-            % guessed
-        )
+        text += "; the time of %d is the file's last change: neither stamps nor names have a date" % guessed
     return text + "."
 
 

@@ -27,7 +27,6 @@ class Estimate(NamedTuple):
         return self.low <= value <= self.high
 
 
-
 @dataclass(frozen=True)
 class Clause:
     """What one parameter does. In the text, {} is its size in `unit` (default: its own), {NAME} the value of
@@ -88,7 +87,7 @@ def _clauses(*words: Union[str, Clause]) -> Clauses:
     return Clauses(lead, [word for word in words if isinstance(word, Clause)])
 
 
-# Effects of the library by name; those of one thruster by the name without the thruster, which is THRUSTER
+# Effects of the library by name; an effect of one thruster without its name, for which THRUSTER stands
 EFFECTS: Dict[str, Words] = {
     "wind": Vector("wx", "wy", "it blows at {}", "m/s"),
     "current": Vector("wx", "wy", "it flows at {}", "m/s"),
@@ -109,12 +108,16 @@ EFFECTS: Dict[str, Words] = {
         Clause("dx", "{} [ahead of|behind] the origin"),
         Clause("dy", "{} to the [right|left] of the origin"),
     ),
-    "heading_offset": _clauses(Clause("psi0", "the measured heading is {} too far to the [right|left]", "deg")),
+    "heading_offset": _clauses(
+        Clause("psi0", "the measured heading is {} too far to the [right|left]", "deg")
+    ),
     "thrust_asymmetry": _clauses(
         Clause("a", "the left side pushes {} [more|less] and the right side pushes {} [less|more]", "%")
     ),
     "thruster_gain": _clauses(Clause("a", "THRUSTER pushes {} [more|less] than in the model", "%")),
-    "thruster_tilt": _clauses(Clause("angle", "THRUSTER is turned {} to the [right|left], seen from above", "deg")),
+    "thruster_tilt": _clauses(
+        Clause("angle", "THRUSTER is turned {} to the [right|left], seen from above", "deg")
+    ),
     "thrust_misalignment": _clauses(Clause("angle", "the thrust is turned {} to the [right|left]", "deg")),
     "thrust_curve": _clauses(
         Clause("p", "at half of the full input the thrust is {} [smaller|larger]", "%", _halfway, 1)
@@ -125,13 +128,13 @@ EFFECTS: Dict[str, Words] = {
     ),
     "thrust_speed_loss": _clauses(Clause("c", "the thrust [falls|rises] by {} per m/s along it", "%")),
     "thrust_sway_moment": _clauses(
-        Clause("c", "1 N of thrust ahead and 1 m/s to the right turn the craft to the [right|left] with {}", "N m")
+        Clause("c", "1 N of thrust and 1 m/s to the right turn the craft to the [right|left] with {}", "N m")
     ),
     "differential_side_force": _clauses(
         Clause(
             "c",
-            "thrust that turns the craft to the right also pushes the craft to the [right|left], with {} of the "
-            "difference of the thrusts",
+            "thrust that turns the craft to the right also pushes the craft to the [right|left], with {} of "
+            "the difference of the thrusts",
             "%",
         )
     ),
@@ -139,7 +142,9 @@ EFFECTS: Dict[str, Words] = {
     "battery_voltage": _clauses(
         Clause("p", "a battery with 10% less voltage gives {} less thrust", "%", lambda p: 1 - 0.9**p)
     ),
-    "supply_sag": _clauses(Clause("part", "full load takes {} of every input, with a time constant of {time}", "%")),
+    "supply_sag": _clauses(
+        Clause("part", "full load takes {} of every input, with a time constant of {time}", "%")
+    ),
     "thrust_droop": _clauses(
         Clause("part", "a thruster at full input loses {} of it, with a time constant of {time}", "%")
     ),
@@ -162,7 +167,9 @@ EFFECTS: Dict[str, Words] = {
     "angle_lag": _clauses(Clause("tau", "THRUSTER makes 63% of a turn within {}")),
     "angle_rate": _clauses(Clause("rate", "THRUSTER turns at {} at most", "deg/s", neutral=math.inf)),
     "angle_gain": _clauses(Clause("a", "THRUSTER turns {} [farther|less far] than commanded", "%")),
-    "angle_offset": _clauses(Clause("angle", "the angle of THRUSTER is {} [above|below] the commanded one", "deg")),
+    "angle_offset": _clauses(
+        Clause("angle", "the angle of THRUSTER is {} [above|below] the commanded one", "deg")
+    ),
     "dead_band": _clauses(Clause("width", "THRUSTER does not act on inputs of up to {}")),
     "foil_gain": _clauses(Clause("a", "the force of THRUSTER is {} [larger|smaller] than in the model", "%")),
     "foil_inflow": _clauses(
@@ -198,7 +205,7 @@ EFFECTS: Dict[str, Words] = {
         Clause("n0", "a turn with {}"),
     ),
     "directional_yaw_damping": _clauses(
-        Clause("na", "the yaw damping is {} [larger|smaller] to the right and {} [smaller|larger] to the left")
+        Clause("na", "yaw damping is {} [larger|smaller] to the right and {} [smaller|larger] to the left")
     ),
     "body_force_bias": _clauses(
         "the craft is pushed ",
@@ -235,7 +242,6 @@ EFFECTS: Dict[str, Words] = {
         Clause("aft", "{} on the aft half", "N"),
     ),
 }  # fmt: skip
-
 
 
 def sentence(effect: str, estimates: Mapping[str, Estimate]) -> str:

@@ -224,7 +224,7 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
     figure.update_xaxes(title="lag [ms]", row=3)
     caption = (
         "Run %s: residuals from one pose to the next (Kalman filter around the model). Shaded: "
-        "%.0f%% band, where those of a true model stay." % (studies[0]["run"].name, 100 * residuals.BAND)
+        "%.0f%% band, in which a true model's stay." % (studies[0]["run"].name, 100 * residuals.BAND)
     )
     return figure.finish(560, caption, {"t": 65}, 1.06, title=residuals_title(studies))
 

@@ -14,6 +14,9 @@ from plotly import io
 from ground.reports.appearance import LINES, TEXT
 from ground.support.annotations import Document
 
+MARGIN = 50  # above the panels [pixels]
+ICONS = 30  # height of plotly's icons, which are at the top of a figure [pixels]
+
 
 class Panels:
     """Panels, counted from 1, with traces, notes and shapes in them."""
@@ -91,12 +94,15 @@ class Panels:
         title: str = "",
     ) -> Document:
         """The figure with its height [pixels], its caption and its title (in layout.meta), margins and
-        legend."""
+        legend, which has two rows below the icons of plotly."""
+        if any(trace.get("showlegend") for trace in self.data):
+            height += ICONS
+            margin = {**margin, "t": margin.get("t", MARGIN) + ICONS}
         self.layout.update(
             template=_template(),
             height=height,
             meta={"caption": caption, "title": title},
-            margin={"t": 50, "b": 50, "l": 70, "r": 10, **margin},
+            margin={"t": MARGIN, "b": 50, "l": 70, "r": 10, **margin},
             legend={"orientation": "h", "y": legend_y, "yanchor": "bottom", "x": 0},
         )
         return {"data": self.data, "layout": self.layout}

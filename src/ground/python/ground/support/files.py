@@ -67,7 +67,9 @@ def delivered(name: str) -> str:
 def _delivered() -> List[str]:
     """Paths of the model files that come with ground: in the workspace, or where pip put the wheel."""
     package = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    beside = os.path.normpath(os.path.join(package, *[os.pardir] * 4))  # of lib/python3.x/site-packages/ground
+    beside = os.path.normpath(
+        os.path.join(package, *[os.pardir] * 4)
+    )  # of lib/python3.x/site-packages/ground
     target = os.path.dirname(package)  # pip install --target
     roots = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), beside, target, sys.prefix]
     places = (os.path.join(root, "share/ground/cfg", kind, "*.yaml") for root in roots for kind in KINDS)

@@ -39,5 +39,5 @@ class Workers:
 
 
 def _end_quietly() -> None:
-    """Lets Ctrl-C end this process without a word; its parent says what there is to say."""
+    """Lets Ctrl-C end this process silently; its parent says what there is to say."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
