@@ -133,8 +133,8 @@ def ceiling(
     bound: Optional[float] = None,
 ) -> Ceiling:
     """The Ceiling of a Fit to runs. cut: windows of the runs; before: the model without the
-    effects found; bound: largest share of what is left that is not the noise of the poses, where that
-    explains nearly all: then nothing is searched. Of long runs it takes stretches that are spread evenly."""
+    effects found; bound: upper bound on the unexplained share where the noise of the poses explains nearly
+    all: the search is then skipped. Long runs are reduced to stretches that are spread evenly."""
     likelihood, fit, runs, cut = excerpt(likelihood, fit, runs, cut)
     now = squared_errors(runs, cut, fit.model)
     start = _errors_or(now, lambda: squared_errors(runs, cut, before))

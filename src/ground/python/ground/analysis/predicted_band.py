@@ -56,7 +56,7 @@ def half_width(parts: Sequence[HeldOut], level: float, course: Courses, run: _co
 
 
 def beyond(parts: Sequence[HeldOut], predicted: Array) -> List[int]:
-    """Numbers of the velocities of a prediction (n, 6) that exceed all of the runs fitted to."""
+    """Indices of velocities u, v, r of a prediction (n, 6) that exceed all velocities of the runs."""
     seen = np.vstack([np.array(run.nu) for part in parts for run in part.runs])
     size, most = np.abs(predicted[:, 3:]).max(axis=0), np.abs(seen).max(axis=0)
     return [int(i) for i in np.flatnonzero(size > FAR * most)]
@@ -83,10 +83,10 @@ def _apart(a: Array, b: Array) -> Array:
 
 
 def _factor(ratios: Sequence[Array], level: float) -> Array:
-    """Half the width over the deviation, (6,), that a share of the samples of a new run will not exceed in
-    about the same share of runs: samples of a run depend on each other, so runs are what is counted. Each run
-    is predicted without itself, but the deviations are of fits to it, too, as in the jackknife+ (Barber et
-    al. 2021), which for a share of 0.9 promises 0.8 and usually holds 0.9. Of fewer runs than that takes,
-    such as nine for 0.9, the largest."""
+    """Scale factors (6,) of the deviation, so that the band contains a share `level` of the samples of a new
+    run in about the same share of runs. Runs are counted, because samples of a run depend on each other. Each
+    run is predicted without itself, but the deviations are of fits to it, too, as in the jackknife+ (Barber
+    et al. 2021), which guarantees 0.8 for a share of 0.9 and usually reaches 0.9. With too few runs (nine for
+    0.9) it is the largest factor."""
     scores = np.sort([np.quantile(some, level, axis=0) for some in ratios], axis=0)
     return np.asarray(scores[min(int(np.ceil((len(scores) + 1) * level)), len(scores)) - 1])

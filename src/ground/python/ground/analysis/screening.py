@@ -41,7 +41,7 @@ class Search(NamedTuple):
     acting: Sequence[Channel]
     wide: Sequence[Scalar]
     narrow: Sequence[Scalar]
-    of: int = 1  # number of others that each wide scalar was chosen from
+    of: int = 1  # candidates of each wide scalar, for the correction by the number of tests
 
 
 # A product; its squared score over its variance, less for the number that it was chosen from; and that number

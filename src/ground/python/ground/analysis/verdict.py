@@ -284,8 +284,8 @@ def _name(
 ) -> Tuple[Optional[naming.Formula], Optional[Judged]]:
     """A formula for what is learnable, and the model with it; None unless it is proved. It is made longer,
     twice at most, while the judge proves it and the noise leaves less. before: the best refit without
-    effects, against which it must not be vetoed; doubted: a Ceiling that does not say that something is left:
-    the first formula has to show it."""
+    effects, against which it must not be vetoed; doubted: a Ceiling that is not significant: the first
+    formula must then show that something is missing."""
     formula: Optional[naming.Formula] = None
     best: Optional[Judged] = None
 

@@ -180,8 +180,9 @@ def _rest(report: Document) -> str:
     if report.get("selection"):
         unnamed = "that is none of the effects that were tried (%s)" % report["selection"]
     what = "something else" if report["improved"]["effects"] else "an effect"
-    named = ": " + ceiling["named_as"] if ceiling["named_as"] else ""
-    return "%s %s and depends on %s%s." % (what, unnamed, words.arguments(report), named)
+    if ceiling["named_as"]:
+        return "%s %s: %s." % (what, unnamed, ceiling["named_as"])
+    return "%s %s and depends on %s." % (what, unnamed, words.arguments(report))
 
 
 def _undecided(report: Document, depends: bool) -> str:

@@ -52,14 +52,14 @@ def begun(
         "findings": list(findings),
         **({"selection": selection} if selection else {}),
         "nominal": {
-            "parameters": _parameters(before.parameters),
+            "parameters": _parameters(before.parameters, given=diagnosis.given),
             "error": _error(before.error.sum(), conclusion.heldout[0], by),
             "cross_validated": float(diagnosis.nominal.heldout.sum()),
             "by": before.by,
         },
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
-            "parameters": _parameters(conclusion.after.parameters),
+            "parameters": _parameters(conclusion.after.parameters, given=diagnosis.given),
             "error": _error(conclusion.after.error.sum(), conclusion.after.heldout.sum(), by),
             "cross_validated": conclusion.cross_validated,
             "by": conclusion.after.by,
@@ -134,7 +134,11 @@ def _error(fit: Optional[float], heldout: Optional[float], by: str = "cross-vali
     return {"fit": fit and float(fit), "heldout": heldout and float(heldout), "by": by}
 
 
-def _parameters(parameters: Iterable[Document], prefix: str = "") -> Document:
+def _parameters(
+    parameters: Iterable[Document], prefix: str = "", given: Optional[_core.Model] = None
+) -> Document:
+    """Parameters by name; `start` is the value in the given model, where it has the parameter."""
+    values = candidates.values(given) if given else {}
     return {
         p["name"][len(prefix) :]: {
             "value": p["value"],
@@ -142,6 +146,7 @@ def _parameters(parameters: Iterable[Document], prefix: str = "") -> Document:
             "ci95": list(p["ci95"]),
             "identified": p["identified"],
             **{key: p[key] for key in ("start", "deviation", "at_bound", "runs") if key in p},
+            **({"start": values[p["name"]]} if p["name"] in values else {}),
         }
         for p in parameters
     }
