@@ -275,7 +275,7 @@ def test_errors_name_arguments_as_python_has_them(flown):
         ground.fit(MODEL, flown, objective="beauty")
     with pytest.raises(ground.GroundError, match="the same bag is given twice"):
         ground.read([flown, flown])
-    with pytest.raises(ground.GroundError, match="both to fit to and to hold out"):
+    with pytest.raises(ground.GroundError, match="both for the fit and as holdout"):
         ground.fit(MODEL, flown, holdout=[flown])
 
 

@@ -170,7 +170,7 @@ def test_the_cosine_of_a_heading_is_not_taken_for_it(run, tmp_path):
     [
         ("log.hdf5", "", "export its data as CSV"),
         ("log.bin", "", "mavlogdump.py"),
-        ("metadata.yaml", "rosbag2_bagfile_information: {}", "give the folder that it is in"),
+        ("metadata.yaml", "rosbag2_bagfile_information: {}", "give its folder"),
         (
             "log.csv",
             "version https://git-lfs.github.com/spec/v1\noid sha256:abc\nsize 12345\n",

@@ -117,7 +117,7 @@ class WindowFitter:
         """GroundError when runs are too short to hold a part of them out."""
         if len(self.parts) < 2:
             raise GroundError(
-                "%s: too short to hold a part of it out; at least two windows of %.1f s are needed"
+                "%s: too short for cross-validation, which needs at least two windows of %.1f s"
                 % (self.runs[0].name, windows.length(self.runs))
             )
 

@@ -76,7 +76,7 @@ def add_reading_arguments(parser: "argparse._ActionsContainer") -> None:
     parser.add_argument(
         "--stamps",
         choices=["unpadded"],
-        help="nanoseconds after the point of the stamps in a table have no leading zeros: mend them",
+        help="nanoseconds after the point of the stamps in a table have no leading zeros: restore them",
     )
 
 

@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model",
         metavar="MODEL.yaml",
-        help="a model of the craft: which channel drives which of its thrusters is judged by the motion",
+        help="a model of the craft: find from the motion which channel drives which of its thrusters",
     )
     parser.add_argument("--force", action="store_true", help="overwrite the mapping file")
 

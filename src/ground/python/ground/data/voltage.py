@@ -31,7 +31,7 @@ def note_missing(model: Model, recordings: Sequence[Recording]) -> None:
     without = [one.name for one in recordings if one.voltage is None]
     if without:
         warn(
-            "%s: no voltage is recorded, so %s changes nothing there and thrust is that at %g V"
+            "%s: no voltage is recorded, so %s has no effect there; thrust is as at %g V"
             % (", ".join(without), EFFECT, model.core.volts)
         )
 

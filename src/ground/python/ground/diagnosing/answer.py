@@ -62,8 +62,8 @@ def title(report: Document) -> str:
 def _answers(report: Document) -> Iterator[str]:
     if report["verdict"] == "misread":
         yield (
-            "not searched - these recordings seem to be read with wrong units, axes, channels or clocks, "
-            "so that effects found in them would be wrong."
+            "not searched - these recordings seem to have wrong units, axes, channels or clocks, "
+            "and effects found in them would be wrong."
         )
         for found in report["findings"]:
             yield "%s: %s" % (", ".join(found["runs"]), suspicions.sentence(found))

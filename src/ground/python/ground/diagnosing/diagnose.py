@@ -163,7 +163,7 @@ def _what_matters(text: Optional[str]) -> Optional[Array]:
     found = re.fullmatch("%smm\\s*,%sdeg\\s*" % (number, number), text)
     values = np.array(found.groups() if found else [0.0], float)
     if not values.min() > 0:
-        raise GroundError("--matters: %r is no position and heading; write for example 2mm,0.5deg" % text)
+        raise GroundError("--matters %r: not a position and a heading; write for example 2mm,0.5deg" % text)
     return values
 
 

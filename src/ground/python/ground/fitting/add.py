@@ -261,7 +261,7 @@ def _verdict(
     elif known and all(p.ci95[0] <= neutral[p.name] <= p.ci95[1] for p in known):
         helps, reason = False, "its 95% intervals contain the values at which it does nothing"
     elif judged.is_worse:
-        helps, reason = False, "predicted poses of data that it was not fitted to are further off with it"
+        helps, reason = False, "the effect makes predictions of held-out data worse"
     elif tested and tested.change > 0:
         percent = 100 * tested.change
         helps, reason = False, "the error on the runs given as holdout rises by %.1f%%" % percent

@@ -46,11 +46,11 @@ class HistoryOptions(bag_arguments.AsRecorded):
         metavar="HOW",
     )
     free: Optional[Sequence[str]] = option(
-        None, "parameters to follow (all that runs of the model may tell)", metavar="NAME", nargs="+"
+        None, "parameters to follow (all that runs of the model may identify)", metavar="NAME", nargs="+"
     )
     tolerance: float = option(
         0.1,
-        "difference between crafts of a type that is none, as a share of a parameter, or of an effect's "
+        "difference between crafts of a type that does not count, as a share of a parameter, or of an effect's "
         "usual size (%(default)g)",
         metavar="SHARE",
         range=(0.0, 10.0),

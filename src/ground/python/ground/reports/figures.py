@@ -233,10 +233,10 @@ def residuals_title(studies: Sequence[Document]) -> str:
     """What the residuals show: of each model, whether they follow something."""
     white = [s["label"] for s in studies if s["residuals"]["white"]]
     if len(white) == len(studies):
-        return "The residuals are random: they follow neither the commands nor their own past"
+        return "The residuals are random: they depend neither on the commands nor on their own past"
     others = [s["label"] for s in studies if s["label"] not in white]
-    told = "Residuals that follow the commands or their own past: %s" % listed(others)
-    return told + ("; random: %s" % listed(white) if white else "")
+    told = "The residuals of %s depend on commands or on their own past" % listed(others)
+    return told + ("; the residuals of %s are random" % listed(white) if white else "")
 
 
 def _add_correlation(

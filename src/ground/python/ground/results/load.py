@@ -76,5 +76,5 @@ def _of_json(path: str) -> Any:
     except (OSError, ValueError, AttributeError) as error:
         raise GroundError("%s: not the file of a result (%s)" % (path, error))
     if schema != TRACKING:
-        raise GroundError("%s: not the file of a result; load the folder that it is in" % path)
+        raise GroundError("%s: not the file of a result; load its folder" % path)
     return Tracking.load(path)

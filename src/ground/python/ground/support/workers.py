@@ -35,7 +35,7 @@ class Workers:
             with self._pool() as pool:
                 yield from pool.map(work, items)
         except BrokenProcessPool:
-            raise GroundError("a process was ended from outside, perhaps for lack of memory")
+            raise GroundError("a worker process was killed, perhaps for lack of memory")
 
 
 def _end_quietly() -> None:
