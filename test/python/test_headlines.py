@@ -62,7 +62,7 @@ def test_a_diagnosis(diagnosed):
     assert list(found)[:3] == ["Missing", "Prediction after 1 s", "Model with it"]
     assert re.search(r"motor_lag - .* tau \d+\.\d+ ms \(95%: [\d.]+ to [\d.]+ ms\)", found["Missing"])
     text = found["Prediction after 1 s"]
-    assert re.match(PREDICTION, text) and "without the effect, refitted" in text
+    assert re.match(PREDICTION, text) and "refitted without the effect" in text
     assert found["Model with it"].split()[-1] == str(out / "improved.yaml")
     assert found["Details"].split()[-1] == str(out / "report.html")
     assert not without_units(found["Missing"] + text), found

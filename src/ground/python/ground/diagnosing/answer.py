@@ -32,7 +32,7 @@ def known_first(report: Document) -> List[Line]:
         return head
     count, beside = len(report["improved"]["effects"]), {}
     if count:
-        beside["refitted"] = "without the effect%s, refitted" % ("s" * (count > 1))
+        beside["refitted"] = "refitted without the effect%s" % ("s" * (count > 1))
     if report["ceiling"]["named_as"]:
         beside["formula"] = "with the formula for what is left"
     return head + prediction(report["prediction"], "given", "improved" if count else "refitted", **beside)

@@ -244,7 +244,7 @@ def evidence(report: Document) -> Iterator[str]:
         yield form % (c["rank"], *numbers, "%s: %s" % (name, values))
     held = is_held_out(report)
     name = "error on held-out runs:" if held else "cross-validated error:"
-    yield "%-23s %5.3f refitted as it is" % (name, report["nominal"]["error"]["heldout"])
+    yield "%-23s %5.3f refitted" % (name, report["nominal"]["error"]["heldout"])
     for step in report["steps"]:
         yield "%23s %5.3f + %s" % ("", step["error"]["heldout"], effect(report, step["added"]))
     yield "%29s noise of the poses alone" % number(report["noise_floor"])

@@ -50,8 +50,8 @@ class HistoryOptions(bag_arguments.AsRecorded):
     )
     tolerance: float = option(
         0.1,
-        "difference between crafts of a type that does not count, as a share of a parameter, or of an effect's "
-        "usual size (%(default)g)",
+        "difference between crafts of a type that does not count, as a share of a parameter, or of an "
+        "effect's usual size (%(default)g)",
         metavar="SHARE",
         range=(0.0, 10.0),
     )
