@@ -71,7 +71,7 @@ class Diagnosis(Shown, Plotted, Estimated):
     def aic(self) -> float:
         """Akaike's criterion, 2 k - 2 llf. k counts the parameters, not the levels of disturbance and
         noise, which all models have."""
-        return 2 * self._likelihood["parameters"] - 2 * self.llf
+        return float(2 * self._likelihood["parameters"] - 2 * self.llf)
 
     @property
     def bic(self) -> float:

@@ -73,7 +73,7 @@ Words = Union[Clauses, Vector, Map]
 
 def _halfway(power: float) -> float:
     """Relative change of the thrust at half of the full input by the power of a curve."""
-    return abs(0.5 ** (power - 1) - 1)
+    return abs(math.pow(0.5, power - 1) - 1)
 
 
 def _inverse(value: float) -> float:
@@ -140,7 +140,7 @@ EFFECTS: Dict[str, Words] = {
     ),
     "battery_sag": _clauses(Clause("tau", "the thrust falls to 37% within {} of a drive", neutral=math.inf)),
     "battery_voltage": _clauses(
-        Clause("p", "a battery with 10% less voltage gives {} less thrust", "%", lambda p: 1 - 0.9**p)
+        Clause("p", "a battery with 10% less voltage gives {} less thrust", "%", lambda p: 1 - math.pow(0.9, p))
     ),
     "supply_sag": _clauses(
         Clause("part", "full load takes {} of every input, with a time constant of {time}", "%")
