@@ -140,7 +140,7 @@ EFFECTS: Dict[str, Words] = {
     ),
     "battery_sag": _clauses(Clause("tau", "the thrust falls to 37% within {} of a drive", neutral=math.inf)),
     "battery_voltage": _clauses(
-        Clause("p", "a battery with 10% less voltage gives {} less thrust", "%", lambda p: 1 - math.pow(0.9, p))
+        Clause("p", "a voltage that is 10% lower gives {} less thrust", "%", lambda p: 1 - math.pow(0.9, p))
     ),
     "supply_sag": _clauses(
         Clause("part", "full load takes {} of every input, with a time constant of {time}", "%")
