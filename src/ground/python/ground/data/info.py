@@ -46,7 +46,8 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     doubts = suspicions.about(recordings, model)
     described = findings.with_suspicions(described, doubts)
     of_all = [one.sentence for one in doubts if len(one.runs) > 1]
-    for line in formatted(_headline(described, of_all, arguments.bags)):
+    read = [*arguments.bags, *(["--mapping", arguments.mapping] if arguments.mapping else [])]
+    for line in formatted(_headline(described, of_all, read)):
         command_line.say(arguments, line)
     for d in described:
         command_line.say(arguments)
@@ -69,9 +70,9 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     return described
 
 
-def _headline(described: Sequence[Document], of_all: Sequence[str], paths: Sequence[str]) -> Iterator[Line]:
+def _headline(described: Sequence[Document], of_all: Sequence[str], read: Sequence[str]) -> Iterator[Line]:
     """The first lines: how much is usable, how good the poses are, and what to do next; of_all: sentences on
-    what several recordings look like together; paths: as the user gave them."""
+    what several recordings look like together; read: the arguments that name them."""
     usable = sum(float(d["usable"]["duration"]) for d in described)
     whole = sum(float(d["duration"]) for d in described)
     odd = {d["name"]: [*findings.grave(d), *(w for w in d["warnings"] if CAME_LATE in w)] for d in described}
@@ -92,7 +93,7 @@ def _headline(described: Sequence[Document], of_all: Sequence[str], paths: Seque
         yield "Next", "look at %s: %s" % (", ".join(doubtful), odd[doubtful[0]][0])
     else:
         fits = "rosrun ground identify fit %s --model MODEL -o fitted.yaml"
-        yield "Next", "nothing to mend; fit a model:\n" + fits % " ".join(map(shlex.quote, paths))
+        yield "Next", "nothing to mend; fit a model:\n" + fits % " ".join(map(shlex.quote, read))
 
 
 def _from(mapping_file: str, path: str) -> str:
