@@ -4,7 +4,7 @@ import argparse
 import os
 import re
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Callable, List, Optional, Sequence
 
 import numpy as np
@@ -122,7 +122,11 @@ def diagnose(
     for line in formatted(answer.known_first(report)):
         told(line)
     report = document.completed(report, found, conclusion, walls.core if walls else None)
-    parameters = parameters_by_name(conclusion.after.parameters)
+    starts = report["improved"]["parameters"]
+    parameters = {
+        name: replace(p, start=float(starts[name]["start"]))
+        for name, p in parameters_by_name(conclusion.after.parameters).items()
+    }
     improved = given
     if conclusion.verdict != MISREAD:
         before, after = (
