@@ -151,7 +151,7 @@ def test_bad_input_is_refused_with_a_reason(tmp_path, lagging):
         ([tmp_path / "none.yaml", bag, "--model", MODEL], ["none.yaml", "cannot be read"]),
         ([out_of_place, bag, "--model", MODEL], ["list.yaml", "must be one effect"]),
         ([bad, bag, "--model", MODEL], ["bad.yaml"]),
-        (["motor_lag", bag, "--model", MODEL, "--holdout", bag], ["both to fit to and to hold out"]),
+        (["motor_lag", bag, "--model", MODEL, "--holdout", bag], ["both for the fit and as holdout"]),
         (["motor_lag", bag, "--model", MODEL, "--to", "1.4"], ["too short"]),
     ):
         result = identify("add", *arguments, "-o", out)

@@ -90,10 +90,33 @@ def test_a_model_that_comes_with_ground_is_loaded_by_its_name(tmp_path, monkeypa
     craft = ground.Model.load("tiny_whoover")
     assert craft == ground.Model.load(MODEL)
     assert ground.Model.load("propeller_ship").effects
-    with pytest.raises(ground.GroundError, match="tiny_hoover"):
+    with pytest.raises(ground.GroundError, match="did you mean tiny_whoover.*free_flyer"):
         ground.Model.load("tiny_hoover")
     craft.with_values(k=0.07).save("tiny_whoover")  # a file here comes first
     assert ground.Model.load("tiny_whoover")["k"] == 0.07
+
+
+def test_results_have_the_names_of_statsmodels():
+    fit = ground.fit(MODEL, ground.simulate(MODEL, "prbs", duration=6, seed=1), free=["k", "N_r"])
+    assert list(fit.params) == [fit.model["k"], fit.model["N_r"]] and list(fit.bse.index) == ["k", "N_r"]
+    assert (fit.bse.values == fit.to_frame()["std_error"].values).all() and (fit.bse > 0).all()
+    for name in ("llf", "aic", "bic"):
+        with pytest.raises(ground.GroundError, match="no likelihood; a diagnosis"):
+            getattr(fit, name)
+
+
+def test_a_diagnosis_has_a_likelihood_and_estimates(tmp_path):
+    craft = ground.Model.load(MODEL).with_effect("yaw_bias", n0=2e-4)
+    run = ground.simulate(craft, "prbs", duration=12, seed=2)
+    with_it, without = (ground.diagnose(MODEL, run, only=[name]) for name in ("yaw_bias", "motor_lag"))
+    assert with_it.effects == ("yaw_bias",) and not without.effects
+    gain = with_it.llf - without.llf
+    assert gain > 10 and with_it.aic < without.aic and with_it.bic < without.bic
+    assert with_it.aic - without.aic == pytest.approx(2 - 2 * gain)
+    assert " mN m (95%: " in with_it.to_frame().loc["yaw_bias", "estimates"]
+    assert with_it.params["yaw_bias.n0"] == with_it.improved["yaw_bias.n0"]
+    with_it.save(tmp_path / "saved")
+    assert ground.load(tmp_path / "saved").bic == with_it.bic
 
 
 def test_importing_the_package_loads_nothing_heavy():
@@ -229,7 +252,7 @@ def test_errors_name_arguments_as_python_has_them(flown):
         ground.fit(MODEL, flown, objective="beauty")
     with pytest.raises(ground.GroundError, match="the same bag is given twice"):
         ground.read([flown, flown])
-    with pytest.raises(ground.GroundError, match="both to fit to and to hold out"):
+    with pytest.raises(ground.GroundError, match="both for the fit and as holdout"):
         ground.fit(MODEL, flown, holdout=[flown])
 
 

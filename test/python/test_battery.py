@@ -95,7 +95,7 @@ def test_it_is_not_tried_without_a_voltage(runs):
 
 def test_a_fit_warns_of_runs_without_the_voltage(craft, runs):
     bare = dataclasses.replace(runs[1], voltage=None, name="bare")
-    with pytest.warns(UserWarning, match="bare: no voltage is recorded.* thrust is that at 7.4 V"):
+    with pytest.warns(UserWarning, match="bare: no voltage is recorded.* thrust is as at 7.4 V"):
         ground.fit(craft, [runs[0], bare], free=["k"])
 
 

@@ -1,6 +1,7 @@
 """identify bench: thrust of a model from forces measured on a bench."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -393,3 +394,15 @@ def test_the_real_bench_rejects_a_power_and_motion_tells_what_was_weighed(tmp_pa
     assert 0.03 < low < high < report["parameters"]["k"]["ci95"][0]
     low, high = report["mass"]["parameters"]["m"]["ci95"]
     assert low < 0.1763 < high and high - low < 0.03  # [kg]
+
+
+def test_intervals_of_positive_quantities_stay_positive():
+    """Not even a thrust that motion hardly determines may be negative."""
+    from ground.fitting import bench_motion
+
+    k, bench = (0.06, -0.01, 0.2), (0.05, 0.045, 0.055)
+    motion = bench_motion.Motion(k, k, k, (0.06, 1e-4), bench, None, 1.0, True)
+    value, low, high = motion.ratio
+    assert value == pytest.approx(1.2) and low == 0 and high > 0.2 / 0.055
+    sure = bench_motion.Motion((0.06, 0.057, 0.063), k, k, (0.06, 1e-4), bench, None, 1.0, True).ratio
+    assert sure[0] - sure[1] == pytest.approx(1.2 * math.hypot(0.05, 0.1), rel=0.1)

@@ -93,7 +93,7 @@ def test_lag_leaves_residuals_that_follow_the_input(tmp_path):
     heading = one["residuals"]["channels"]["heading"]
     assert not heading["autocorrelation"]["accepted"]
     assert not heading["input_difference"]["accepted"]
-    assert "in heading reacts to u_L" in one["words"]
+    assert "in heading follows the command u_L" in one["words"]
 
 
 def test_a_push_is_left_out_and_reported(tmp_path):

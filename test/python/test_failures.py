@@ -249,7 +249,7 @@ def killed(_):
 
 
 def test_a_process_that_is_killed_at_work_is_told():
-    with pytest.raises(GroundError, match="ended from outside"):
+    with pytest.raises(GroundError, match="worker process was killed"):
         list(workers.Workers(processes=True).map(killed, [1]))
 
 

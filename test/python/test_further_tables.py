@@ -157,7 +157,7 @@ def test_clocks_that_differ_are_told_with_what_to_write(run, tmp_path):
     [
         ("log.hdf5", "", "export its data as CSV"),
         ("log.bin", "", "mavlogdump.py"),
-        ("metadata.yaml", "rosbag2_bagfile_information: {}", "give the folder that it is in"),
+        ("metadata.yaml", "rosbag2_bagfile_information: {}", "give its folder"),
         (
             "log.csv",
             "version https://git-lfs.github.com/spec/v1\noid sha256:abc\nsize 12345\n",

@@ -105,7 +105,7 @@ def test_fit_reports_agreement_of_runs_and_held_out_errors(tmp_path, guess):
     other = write_bag(tmp_path / "other.bag", seed=41, model=heavy)
     out = tmp_path / "f.yaml"
     result = identify("fit", *bags, other, "--model", guess, "-o", out, "--holdout", other, "--json")
-    fails(result, "both to fit to and to hold out")
+    fails(result, "both for the fit and as holdout")
     result = identify("fit", *bags, "--model", guess, "-o", out, "--holdout", other, "--json")
     assert result.returncode == 0, result.stderr
     fit = json.loads(result.stdout)
@@ -294,7 +294,7 @@ def test_a_folder_stands_for_the_bags_in_it(tmp_path, guess):
     assert [run["name"] for run in json.loads(result.stdout)] == ["run1", "run2"]
     out = tmp_path / "fitted.yaml"
     fit = identify("fit", folder / "run1.bag", "--holdout", folder, "--model", guess, "-o", out)
-    fails(fit, "a run is given both to fit to and to hold out")
+    fails(fit, "a run is given both for the fit and as holdout")
 
 
 def test_a_model_in_grams_is_warned_about(tmp_path):

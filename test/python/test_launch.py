@@ -754,7 +754,7 @@ def test_two_crafts_are_recorded_with_their_own_names_and_a_mocap_of_both(tmp_pa
         % (tmp_path, free_port(socket.SOCK_DGRAM))
     )
     status, output = output_of("-p", free_port(), mine)
-    assert status == 0 and "nobody publishes" not in output, output
+    assert status == 0 and "no node publishes" not in output, output
     (bag,) = tmp_path.glob("*.bag")
     (run,) = ground.read(bag)
     # A craft beside it: the same messages under other names in the same bag.
@@ -786,9 +786,9 @@ def test_two_crafts_are_recorded_with_their_own_names_and_a_mocap_of_both(tmp_pa
 def test_a_topic_that_nobody_publishes_is_missed_at_once_and_at_the_end(tmp_path):
     log = tmp_path / "log"
     with roslaunch(log, "record.launch", "bag_dir:=%s" % tmp_path):
-        wait_for(lambda: "nobody publishes" in log.read_text(), 40, "a line about missing topics")
-        missed = log.read_text().count("nobody publishes")
-    lines = [line for line in log.read_text().splitlines() if "nobody publishes" in line]
+        wait_for(lambda: "no node publishes" in log.read_text(), 40, "a line about missing topics")
+        missed = log.read_text().count("no node publishes")
+    lines = [line for line in log.read_text().splitlines() if "no node publishes" in line]
     assert missed == 1 and len(lines) == 2
     assert all("/vrpn_client_node/hovercraft/pose" in line and "/controls" in line for line in lines)
 

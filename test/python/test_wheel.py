@@ -119,12 +119,16 @@ def test_bags_written_without_ros_equal_those_with_ros(bare, bags, tmp_path):
 
 def test_controllers_run(bare):
     options = ("--controller", "ModelPredictive", "--reference", "circle", "--end-time", 3, "--json")
-    # a model file of the wheel
-    model = bare.parent / "share" / "ground" / "cfg" / "hovercraft" / MODEL.name
-    found = json.loads(run(bare / "track", "--model", model, *options))
+    found = json.loads(run(bare / "track", "--model", MODEL.stem, *options))  # one of the wheel
     wanted = json.loads(program("track", "--model", MODEL, *options).stdout)
     assert found["final"] == pytest.approx(wanted["final"], rel=1e-3)
     assert "--evaluations" in run(bare / "tune", "--help")
+
+
+def test_models_of_the_wheel_are_loaded_by_name(bare):
+    code = "import ground; print(ground.Model.load('tiny_whoover').path); ground.Model.load('free_flyer')"
+    path = run(bare / "python", "-c", code).strip()
+    assert path == str(bare.parent / "share" / "ground" / "cfg" / "hovercraft" / MODEL.name)
 
 
 def test_the_whole_wheel_configures_without_catkin(tmp_path):

@@ -61,7 +61,7 @@ class IdentificationTest(unittest.TestCase):
             ({"bags": ["/nowhere.bag"]}, "no bag of this name"),
             ({"last": 5.0, "model": "/nowhere.yaml"}, "no model of this name"),
             ({"last": 5.0, "bags": ["x.bag"]}, "not both"),
-            ({"last": -5.0}, "have to be positive"),
+            ({"last": -5.0}, "must be positive"),
             ({"bags": [output]}, "there is no bag or bag of ROS 2 or table in this folder"),
         ):
             answer = self.diagnose(**request)

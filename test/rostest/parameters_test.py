@@ -130,7 +130,7 @@ class ParametersTest(unittest.TestCase):
             (("controller", "k_e=fast"), "is not a number"),
             (("controller", "wings=2"), "has no parameter wings; rosrun ground parameters controller"),
             (("controller", "sise=2"), "did you mean size"),
-            (("nobody", "k_e=1"), "no node of this name.*/controller"),
+            (("nobody", "k_e=1"), "no running node of this name.*/controller"),
             (("controller", "reference=file"), "refused"),
         ):
             refused = parameters(*arguments)

@@ -58,7 +58,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
         hint = errors.did_you_mean(words[0], verbs)
         _parser([]).error("there is no verb %s%s; there are %s" % (words[0], hint, ", ".join(verbs)))
     arguments, unknown = _parser(words[:1]).parse_known_args(argv)
-    if unknown:  # prints the verb's usage, not that of all verbs
+    if unknown:  # prints the usage of the verb, not of all verbs
         arguments.refuse("unrecognized arguments: %s" % " ".join(unknown))
     return _run("identify " + arguments.verb, arguments)
 

@@ -83,6 +83,27 @@ def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
     return pandas.DataFrame(rows, index=index, columns=columns)
 
 
+class Estimated:
+    """A result with estimated parameters, by the names that statsmodels gives them, too."""
+
+    parameters: Dict[str, Parameter]
+
+    @property
+    def params(self) -> "pandas.Series":
+        """Estimates by the names of parameters."""
+        import pandas
+
+        return pandas.Series({name: p.value for name, p in self.parameters.items()}, dtype=float)
+
+    @property
+    def bse(self) -> "pandas.Series":
+        """Standard errors of the estimates; not a number for parameters that are not identified."""
+        import pandas
+
+        known = {name: p.deviation if p.identified else np.nan for name, p in self.parameters.items()}
+        return pandas.Series(known, dtype=float)
+
+
 @dataclass(frozen=True)
 class Fitted:
     """How a model was fitted, as its file says.
@@ -226,7 +247,7 @@ class Model(Shown):
 
     def with_effect(self, effect: "EffectLike", **values: float) -> "Model":
         """A copy with an effect: an Effect, a name of the library, a YAML file with one effect, or its
-        entry in a model file; values: those of its parameters. Also `model + effect`. GroundError when
+        entry in a model file; values: of its parameters. Also `model + effect`. GroundError when
         there is no such effect, or the model has it already."""
         from ground.effect_library.effects import Effect
 
@@ -303,7 +324,7 @@ ModelLike = Union[Model, Path]
 
 
 def _changed(core: _core.Model) -> Model:
-    """The model of a core whose values are no longer those of the fit that its provenance is about."""
+    """The model of a core whose values changed since the fit that its provenance is about."""
     core.provenance = _core.Provenance()
     return Model(core)
 

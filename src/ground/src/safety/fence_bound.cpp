@@ -19,13 +19,13 @@ std::string sentence(const Room& room, double full, const Upset& upset) {
   const int error = static_cast<int>(std::lround(100 * upset.thrust_error));
   if (speed > 0)
     std::snprintf(text, sizeof text,
-                  "at up to %.2f m/s with pushes up to %d%% of full thrust, %.2f s without poses, and thrust "
-                  "%d%% off",
+                  "up to %.2f m/s with pushes of up to %d%% of full thrust, %.2f s without poses and a thrust "
+                  "that is wrong by %d%%",
                   speed, percent, upset.blind, error);
   else
     std::snprintf(text, sizeof text,
-                  "at no speed for certain with pushes of %d%% of full thrust, %.2f s without poses, and "
-                  "thrust %d%% off",
+                  "at no speed for certain with pushes of up to %d%% of full thrust, %.2f s without poses and "
+                  "a thrust that is wrong by %d%%",
                   percent, upset.blind, error);
   return text;
 }
@@ -67,8 +67,8 @@ double largestSafeSpeed(const Room& room, double full, const Upset& upset) {
 }
 
 std::string fenceBound(const Room& room, double full) {
-  if (!(full > 0)) return "without a model it is not known at which speed the craft leaves the room";
-  return "nobody leaves the room " + sentence(room, full, kUsual) + "; " + sentence(room, full, kMuch);
+  if (!(full > 0)) return "without a model it is not known up to which speed the craft stays in the room";
+  return "the craft stays in the room " + sentence(room, full, kUsual) + "; " + sentence(room, full, kMuch);
 }
 
 }  // namespace ground

@@ -30,7 +30,7 @@ double fullAcceleration(const Pilot& pilot, double time);
 /// which must not exceed the margin. The speed is v + c t.
 double largestSafeSpeed(const Room& room, double full, const Upset& upset);
 
-/// Sentences about the speeds up to which nobody leaves a room.
+/// Sentences about the speeds up to which a craft stays in a room.
 std::string fenceBound(const Room& room, double full);
 
 }  // namespace ground

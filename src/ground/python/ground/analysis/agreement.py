@@ -69,14 +69,14 @@ class Band:
         return np.asarray(np.fft.rfftfreq(self.count, self.step)[self.inside])
 
     def power(self, times: Array, rows: Array) -> Array:
-        """Power (k, n) at the frequencies of rows (m, n) at some times, relative to that of white ones."""
+        """Power (k, n) at the frequencies of rows (m, n) at some times, relative to white residuals."""
         at = np.round((times - times[0]) / self.step).astype(int)
         grid = np.zeros((self.count, rows.shape[1]))
         np.add.at(grid, at, rows)
         return np.asarray(np.abs(np.fft.rfft(grid, axis=0)[self.inside]) ** 2 / max(1, len(times)))
 
 
-# Two runs in which the same commands were given, and the time of the second one less that of the first one,
+# Two runs in which the same commands were given, and the time of the second run minus the time of the first,
 # of the same command [s]
 Pair = Tuple[int, int, float]
 

@@ -81,10 +81,9 @@ class Bands:
 def of_folds(split: Folds, fit: LikelihoodFit, others: Sequence[LikelihoodFit] = ()) -> List[Bands]:
     """Bands of the runs that a LikelihoodFit was fitted to, each predicted by a refit without that run.
 
-    split: Folds of these runs; others: the refits, if they are known. The levels stay those of the fit; the
-    expected loudness is that of the other runs. Each quarter of a single run is predicted by a fit to the
-    others; the end of a long horizon may lie in a quarter that was fitted to.
-    """
+    split: Folds of these runs; others: the refits, if they are known. The levels of the fit are kept; the
+    expected loudness is the loudness of the other runs. Each quarter of a single run is predicted by a fit to
+    the others; the end of a long horizon may lie in a quarter that was fitted to."""
     tasks = []
     for fold, other in enumerate(others or split.models(fit)):
         alone = len(split.runs) == 1

@@ -3,9 +3,8 @@
 A likelihood weighs runs by what noise and disturbance explain. Where their own values differ by more, the
 interval of the common value is too narrow. The own value of a run is a few Newton steps from the common
 one. That all are the same is tested by the weighted squares of first steps (Cochran 1954), which derivatives
-at the common value alone give. Whatever it says, the interval holds that of the mean of values that differ
-from run to run (Paule and Mandel 1982), of the runs that tell a parameter.
-"""
+at the common value alone give. Whatever it says, the interval contains the interval of the mean of values
+that differ from run to run (Paule and Mandel 1982), of the runs that tell a parameter."""
 
 from dataclasses import replace
 from typing import Dict, List, Sequence, Tuple
@@ -21,7 +20,8 @@ from ground.effect_library.parameters import ParameterInfo, described
 from ground.support.annotations import Array, Document
 from ground.support.errors import Diverged
 
-WEAK = 1e-6  # information that keeps what a run does not tell at the common value, over that of all runs
+# Information that keeps directions that a run does not identify at the common value, over all runs'
+WEAK = 1e-6
 TOLD = 0.01  # largest variance of a parameter that a run tells, over that by the weak information alone
 
 

@@ -147,7 +147,7 @@ def ceiling(
     wrenches, model = known_wrenches(found, runs, likelihood), found.fit.model
     after = _errors_or(now, lambda: squared_errors(runs, cut, model, wrenches))
     left = _share(now, after, now)
-    # where something acts, and other runs do not tell how much of the error it causes, it may be all
+    # where something acts, and other runs do not show how much of the error it causes, it may be all
     bound = 1.0
     if left.low > 0:
         bound = max(left.high, left.value + _bound(found.regression, found.terms, runs, cut, now))
@@ -262,7 +262,7 @@ def _bound(
 
 def _moved(regression: Regression, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> Array:
     """Change of the velocities over windows, relative to their standard deviations, by each
-    feature of a mean square of one. The motion is that of a damped mass in each direction."""
+    feature of a mean square of one. It moves as a damped mass in each direction."""
     model, rows = regression.model, []
     inertia = np.array([model.value("m"), model.value("m"), model.value("I_z")])
     rates = np.array([model.value(name) for name in ("X_u", "Y_v", "N_r")]) / inertia

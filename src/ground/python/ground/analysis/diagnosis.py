@@ -265,7 +265,7 @@ class StepwiseDiagnosis:
         return found
 
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str], whole: bool = True) -> Optional[str]:
-        """Reason why held-out data speak against a set and for a smaller one; None if they do not. Effects
+        """Reason why held-out data contradict a set and favour a smaller one; None if they do not. Effects
         that are likely or glaring need no proof: they are then said to be seen, and not confirmed. whole: the
         larger set is what is found, and no step on the way, which may predict worse than what it leads to."""
         judged = self.confirmed(found, rest)

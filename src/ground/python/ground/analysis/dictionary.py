@@ -75,7 +75,7 @@ class Feature:
 
     @property
     def simpler(self) -> List["Feature"]:
-        """Those of the screen without one of the factors."""
+        """The features of the screen without one of the factors."""
         if self.family:
             return []
         if len(self.factors) == 1:

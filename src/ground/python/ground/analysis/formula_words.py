@@ -17,10 +17,21 @@ def of_feature(feature: Feature, size: str, own: Mapping[str, str], memory: Memo
     )
     function = feature.function.format(**{n: "<%s>" % o for n, o in own.items()})
     states = _states(memory, what + function)
+    function = _bare(function)
+    factor = re.fullmatch(r"(.*), times (.*),", what)  # a thrust, and what it is multiplied with
+    if factor:
+        what, symbols = factor.groups()
+        function = symbols if function == "1" else "%s*%s" % (symbols, function)
     if function == "1":
         return "%s of {%s}%s" % (what, size, states)
     depends = in_words(sorted(feature.arguments))
     return "%s that depends on %s (= {%s} %s%s)" % (what, depends, size, function, states)
+
+
+def _bare(function: str) -> str:
+    """A formula without parentheses about a word or about other parentheses."""
+    match = re.fullmatch(r"\((\w+|\([^()]*\))\)", function)
+    return match.group(1) if match else function
 
 
 def _states(memory: Memory, text: str) -> str:
@@ -30,7 +41,7 @@ def _states(memory: Memory, text: str) -> str:
     for state, rate in memory.rates.items():
         name = state if state in text else state.split("_")[0]  # of all thrusters alike
         of, mean, time = rate.partition(")-%s)/" % state)
-        what = "the command" if name != state else of.strip("(")
+        what = "the command" if name != state else of.strip("()")
         if name in re.findall(r"\w+", text):
             known[name] = (
                 "the mean of %s over the last %s" % (what, time) if mean else "the sum of %s so far" % of

@@ -28,7 +28,7 @@ def same(model: _core.Model) -> ModelsAt:
 def horizon(runs: Sequence[_core.RunData], model: _core.Model) -> float:
     """Time [s] in which full thrust moves a craft by some lengths or turns it round: 1 s for a
     palm-sized hovercraft, 10 s for a free-flyer. Long enough for some poses, and short enough for a start in
-    each part that may be held out. Diagnoses use that of the given model for all models."""
+    each part that may be held out. Diagnoses use the horizon of the given model for all models."""
     least = MIN_POSES * float(np.median(np.concatenate([np.diff(np.array(run.times)) for run in runs])))
     seconds = _core.time_scale(model)
     while seconds > least:
@@ -58,7 +58,7 @@ class Starts:
 
     @classmethod
     def of(cls, runs: Sequence[_core.RunData], seconds: float) -> "Starts":
-        """Those of runs over some seconds."""
+        """Starts of runs over some seconds."""
         try:
             return cls(starts(runs, seconds), seconds)
         except GroundError:
@@ -164,7 +164,7 @@ class PoseError:
 
     @classmethod
     def of(cls, errors: Array) -> "PoseError":
-        """That of pose_errors."""
+        """As of pose_errors."""
         return cls(*np.sqrt((errors**2).mean(axis=0)).tolist())
 
 
@@ -275,7 +275,7 @@ def pose_noise(runs: Sequence[_core.RunData]) -> Array:
 
 
 def what_matters(runs: Sequence[_core.RunData]) -> Array:
-    """Least change of predicted position [mm] and heading [deg] that matters, (2,), if nobody says so: five
+    """Least change of predicted position [mm] and heading [deg] that matters, (2,), by default: five
     times the noise of a pose, which can be seen without statistics (Rose's criterion). More data make an
     effect more certain, not larger. For a palm-sized craft a delay of 1.4 ms reaches it."""
     return 5 * pose_noise(runs)

@@ -4,12 +4,11 @@ Hypotheses - a model with an effect or a formula and the model without it, one w
 predict the same poses at the horizon that suits the craft, each part of the runs by a fit to the others.
 
 *Veto*: the larger one predicts poses worse, both components together by more than DEVIATIONS standard
-errors, or one of positions and headings by more than one and by more than what matters, where that is said
-and the other does not fall by as much.
-*Proof*: it predicts them better by more than DEVIATIONS standard errors, or makes the held-out innovations
-likelier by as much. Neither: nothing is decided.
+errors, or one of positions and headings by more than one and by more than what matters, where the user gives
+it and the other does not fall by as much. *Proof*: it predicts them better by more than DEVIATIONS standard
+errors, or makes the held-out innovations likelier by as much. Neither: nothing is decided.
 
-Standard errors are those of blocks of time or those of parts of the runs, the larger ones: neighbouring
+Standard errors are by blocks of time or by parts of the runs, whichever is larger: neighbouring
 predictions are alike, and a run may be special.
 """
 
@@ -102,7 +101,7 @@ def _gain(larger: Tested, smaller: Tested) -> Tuple[float, float]:
 
 
 def _rise(larger: Array, smaller: Array, part_of: Indices) -> Tuple[float, float, float]:
-    """Relative rise of the squared errors (starts, k); its standard error, that of a ratio of means (Cochran
+    """Relative rise of the squared errors (starts, k); its standard error, as of a ratio of means (Cochran
     1977, section 6.4), of the smaller over the larger mean, so that hypotheses may change places; and how
     many standard errors the rise of blocks of three successive starts, which overlap, is above zero, each
     relative to what both leave in it: few blocks with large errors do not decide."""

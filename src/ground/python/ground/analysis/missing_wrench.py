@@ -37,7 +37,7 @@ class Undisturbed:
 def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
     """Leaves out the disturbances of a run.
 
-    Walls, hands and wrong poses need wrenches far larger than those of a missing effect: several poses
+    Walls, hands and wrong poses need far larger wrenches than a missing effect: several poses
     in a row are outliers. A few such pushes would dominate the levels and hide everything else.
     """
     whole = Undisturbed(run, *residuals.disturbance(run, model, "white"), [])

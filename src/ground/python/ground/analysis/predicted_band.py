@@ -3,10 +3,9 @@
 A model that was fitted to some runs predicts others by two uncertain things: its parameters, and what
 it lacks. Fits without each part of the runs differ by both (the delete-one-group jackknife: Efron and Stein
 1981). By how much they differ, sample by sample, is the shape of the band: wide where a manoeuvre asks for
-what the runs do not tell. Of what was known before the fit, models that are shifted by its deviations add to
-it, for the runs do not tell that. Its size is calibrated: so that bands about the predictions of held-out
-runs hold the wanted share of them.
-"""
+what the runs do not identify. Of what was known before the fit, models that are shifted by its deviations add
+to it, for the runs do not identify that. Its size is calibrated: so that bands about the predictions of
+held-out runs hold the wanted share of them."""
 
 from dataclasses import dataclass
 from typing import Callable, List, Optional, Sequence, Tuple
@@ -84,10 +83,10 @@ def _apart(a: Array, b: Array) -> Array:
 
 
 def _factor(ratios: Sequence[Array], level: float) -> Array:
-    """Half the width over the deviation, (6,), that a share of the samples of a new run will not exceed in
-    about the same share of runs: samples of a run depend on each other, so runs are what is counted. Each run
-    is predicted without itself, but the deviations are of fits to it, too, as in the jackknife+ (Barber et
-    al. 2021), which for a share of 0.9 promises 0.8 and usually holds 0.9. Of fewer runs than that takes,
-    such as nine for 0.9, the largest."""
+    """Scale factors (6,) of the deviation, so that the band contains a share `level` of the samples of a new
+    run in about the same share of runs. Runs are counted, because samples of a run depend on each other. Each
+    run is predicted without itself, but the deviations are of fits to it, too, as in the jackknife+ (Barber
+    et al. 2021), which guarantees 0.8 for a share of 0.9 and usually reaches 0.9. With too few runs (nine for
+    0.9) it is the largest factor."""
     scores = np.sort([np.quantile(some, level, axis=0) for some in ratios], axis=0)
     return np.asarray(scores[min(int(np.ceil((len(scores) + 1) * level)), len(scores)) - 1])

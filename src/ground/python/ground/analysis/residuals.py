@@ -30,7 +30,7 @@ UNITS = {"X": "N", "Y": "N", "N": "N m"}
 def analyse(
     run: _core.RunData, model: _core.Model, box: _core.GreyBox, point: _core.GreyBoxPoint
 ) -> Document:
-    """Auto-correlation and correlation with what the thrusters of a model are told to push ahead
+    """Auto-correlation and correlation with the commanded push of a model's thrusters ahead
     (`input_sum`) and to turn (`input_difference`), with 99% bands.
 
     box, point: the run's likelihood with a white disturbance. Pairs never span a gap. Lags of the

@@ -56,7 +56,7 @@ def _chance_without(
     """p-value of the likelihood ratio between a fit and one in which a kind does not differ
     between runs, all other levels refitted. Without a difference the ratio is zero half of the
     time, else chi squared with one degree of freedom (Self and Liang 1987). `slow`: times that
-    are held; that of this kind is held, too, where it gets longer than `slowest`."""
+    are held; the time of this kind is held, too, where it gets longer than `slowest`."""
     held = {**slow, kind.level: ABSENT * fit.levels[kind.level]}
     other = likelihood.fit(fit.model, fit.free, near=fit, held=held)
     if kind.time and other.levels[kind.time] > slowest:

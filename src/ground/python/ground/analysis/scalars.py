@@ -77,7 +77,7 @@ def spread(x: Array, y: Array, apart: float, most: int) -> List[List[float]]:
 
 
 def of(texts: str, constants: Optional[Mapping[str, Constant]] = None) -> List[Scalar]:
-    """Scalars of formulas, each followed by its unit, with those of the constants that each has."""
+    """Scalars of formulas, each followed by its unit, with the constants that each has and their units."""
     words = texts.split()
     return [
         Scalar(text, unit, {n: c for n, c in (constants or {}).items() if "{%s}" % n in text})
@@ -150,7 +150,7 @@ def means(kind: str, unit: str = "-", less: str = "") -> List[Scalar]:
 
 
 def of_motion(model: _core.Model, scales: Scales, every: Mapping[str, Array]) -> List[Scalar]:
-    """Scalars that are multiplied with a few, other than those of the place. every: values by name."""
+    """Scalars that are multiplied with a few, other than scalars of the place. every: values by name."""
     slow, differences = "+%.3g" % scales.slow**2, _from_mean(model)
     slip = "abs(v/sqrt(u^2+v^2%s)) -" % slow
     variables = of("u m/s v m/s r rad/s abs(u) m/s abs(v) m/s abs(r) rad/s sqrt(u^2+v^2) m/s " + slip)
@@ -271,7 +271,7 @@ def _bells_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
 
 def waves(scales: Scales, x: Array, y: Array) -> List[Scalar]:
     """Waves in the plane: so many that each other one is near one of them, the longest first."""
-    cell = 1.2 / max(float(np.hypot(x.std(), y.std())), 1e-6)  # waves that are nearer look alike [rad/m]
+    cell = 1.2 / max(float(np.hypot(x.std(), y.std())), 1e-6)  # nearer waves are not distinguished [rad/m]
     most = 2 * np.pi / max(scales.crossed * scales.speed, 1e-9)
     reach = int(min(most / cell, np.sqrt(2 * WAVES / np.pi) + 2))  # WAVES are in a half disc of this radius
     side = np.arange(-reach, reach + 1)

@@ -4,7 +4,7 @@ Each is a product of two scalars (ground.analysis.scalars), such as a wave in th
 one channel. The score of all of them at once is a product of matrices: with g the response of the
 innovations to a unit wrench at each sample, times the innovations, the score of p(t) q(t) along e(t) is
 the sum of p q (e . g).
-Its variance without an effect is that of the same sum for random innovations. The best products are
+Its variance without an effect is the variance of the same sum for random innovations. The best products are
 multiplied with a third scalar, and screened again.
 """
 
@@ -41,7 +41,7 @@ class ProductScreening(NamedTuple):
     acting: Sequence[Channel]
     wide: Sequence[Scalar]
     narrow: Sequence[Scalar]
-    of: int = 1  # number of others that each wide scalar was chosen from
+    of: int = 1  # candidates of each wide scalar, for the correction by the number of tests
 
 
 # A product; its squared score over its variance, less for the number that it was chosen from; and that number

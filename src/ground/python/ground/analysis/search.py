@@ -1,7 +1,7 @@
 """The set of effects under which recorded poses are likeliest.
 
 The search takes forward, backward and swap steps over sets of effects. Score tests of all effects,
-alone and in pairs, choose the sets to refit; a set's likelihood is that of the refit, levels
+alone and in pairs, choose the sets to refit; a set's likelihood is from its refit, levels
 included. An effect's log-likelihood ratio 2 (L1 - L0) has to be significant, corrected for the
 number of effects.
 """
@@ -145,7 +145,7 @@ class Search:
         tests, base = self.test_beside(current), self.fits[current]
 
         def excess(names: Tuple[str, ...]) -> float:
-            """Expected gain above that of effects that do nothing."""
+            """Expected gain above the gain of effects that do nothing."""
             return tests.test(names)[0] - sum(self.sizes[n] for n in names)
 
         alone: Dict[Tuple[str, ...], float] = {(n,): excess((n,)) for n in tests.columns}

@@ -24,7 +24,7 @@ UNEVEN = 1.5  # a step longer than this multiple of the usual one separates grou
 
 def thinned(run: _core.RunData) -> _core.RunData:
     """A _core.RunData whose samples are means of as many samples as its rate allows; the same run if
-    that is one. Its noise is that of the means."""
+    that is one. Its noise is the noise of the means."""
     times = np.array(run.times)
     step = scatter.interval(times)
     count = int((1 + TOLERANCE) * _span(run) / step)

@@ -192,7 +192,7 @@ def _grown(found: StepwiseDiagnosis) -> Judged:
 
 def _on_all(found: StepwiseDiagnosis) -> Tuple[_core.Model, List[Document]]:
     """The grown model and its parameters, fitted to all of the runs by likelihood. Of long runs, levels are
-    those of the parts that the search used: their uncertainty hardly widens intervals then."""
+    fitted to the parts that the search used: their uncertainty hardly widens intervals then."""
     if found.is_excerpt:
         whole = Likelihood(found.all_runs, found.given, found.likelihood.varying, found.threads)
         with contextlib.suppress(Diverged):  # the motion in another part is not finite
@@ -208,8 +208,8 @@ def _by_simulation(
     found: StepwiseDiagnosis, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()
 ) -> List[Judged]:
     """A model refitted by simulation error over long and over short windows, on which a disturbance adds up
-    to less, from its values and those of others, where it can be simulated. Errors are over the windows and
-    folds of a Diagnosis."""
+    to less, from its values and from other models' values, where it can be simulated. Errors are over the
+    windows and folds of a Diagnosis."""
     refits = []
     for part in (1.0, 1 / 3):
         with contextlib.suppress(Diverged):  # the simulation diverges
@@ -289,8 +289,8 @@ def _name(
 ) -> Tuple[Optional[naming.Formula], Optional[Judged]]:
     """A formula for what is learnable, and the model with it; None unless it is proved. It is made longer,
     twice at most, while the judge proves it and the noise leaves less. before: the best refit without
-    effects, against which it must not be vetoed; doubted: a Ceiling that does not say that something is left:
-    the first formula has to show it."""
+    effects, against which it must not be vetoed; doubted: a Ceiling that is not significant: the first
+    formula must then show that something is missing."""
     formula: Optional[naming.Formula] = None
     best: Optional[Judged] = None
 

@@ -51,7 +51,7 @@ class WindowFitter:
 
     Of long runs about `most` windows are used, spread evenly, so that the work does not grow with them.
     threads: 0 for all cores; with one thread results are reproducible; most_parts: parts that several runs
-    are held out in; length: of the windows fitted to [s] (default: that of the error); target, options: what
+    are held out in; length: of the windows fitted to [s] (default: as for the error); target, options: what
     is simulated, and of the core's fit. Raises GroundError when runs are too short.
     """
 
@@ -86,7 +86,7 @@ class WindowFitter:
     ) -> WindowFit:
         """Fits the free parameters, and again without each part in turn.
 
-        The fit starts from the model's values and from those of the models in `also`, and keeps the
+        The fit starts from the model's values and from the values of the models in `also`, and keeps the
         best: parameters fitted without an effect may be far from the right ones with it. Held-out errors
         are not a number where there is a single part. work: told of each fit.
         """
@@ -118,7 +118,7 @@ class WindowFitter:
         """GroundError when runs are too short to hold a part of them out."""
         if len(self.parts) < 2:
             raise GroundError(
-                "%s: too short to hold a part of it out; at least two windows of %.1f s are needed"
+                "%s: too short for cross-validation, which needs at least two windows of %.1f s"
                 % (self.runs[0].name, windows.length(self.runs))
             )
 
@@ -169,7 +169,7 @@ def channel_errors(
     model: _core.Model,
     truth: Optional[Sequence[_core.RunData]] = None,
 ) -> Array:
-    """Mean |e|/s of u, v, r (3,) over windows; s is each run's, or that of the runs in `truth`.
+    """Mean |e|/s of u, v, r (3,) over windows; s is each run's, or from the runs in `truth`.
 
     Their sum is the error that reports give. Raises GroundError when the model cannot be simulated.
     """
@@ -302,7 +302,7 @@ def noise_floor(runs: Sequence[_core.RunData], model: _core.Model, seed: int = 1
     """Mean |e|/s of u, v, r (3,) that pose noise alone would leave if the model were true.
 
     The model is simulated along each stretch without a gap. Its poses get the measured noise and are
-    smoothed as the recording was; s is that of the recording. NaN, with a warning, where the motion is
+    smoothed as the recording was; s is the recording's. NaN, with a warning, where the motion is
     not finite.
     """
     random = np.random.default_rng(seed)

@@ -346,8 +346,8 @@ def _left_out(d: Document) -> Iterator[Tuple[float, str]]:
         yield d["rest_at_end"], text % (d["rest_at_end"], none)
     for spans, what in (
         (d["without_lift"], "no lift, left out"),
-        (d["steps"], "the measured pose steps, as when cameras change, but the craft does not; left out"),
-        (d["silent"], "no commands, although they have a rate; nobody knows what the craft did, left out"),
+        (d["steps"], "the measured pose jumps, as when a camera drops out; left out"),
+        (d["silent"], "no commands for longer than their period; left out"),
         (d["frozen"], "the last pose is repeated while thrusters act, left out"),
         (d["contacts"], "no input explains the motion (contact, hand, wrong poses), left out"),
     ):
@@ -436,7 +436,7 @@ def differences(recordings: Sequence[Recording]) -> str:
 
 def _settings(recordings: Sequence[Recording], kind: str) -> Iterator[Tuple[Recording, str, str]]:
     """Recordings that have a setting, each with what tells it from others and what it is called. A model
-    or a room is told by its content where that was recorded, else by its name."""
+    and a room are compared by content where it was recorded, otherwise by name."""
     kept = {r.flown_by[kind]: _content(r.files[kind]) for r in recordings if kind in r.files}
     for recording in recordings:
         name, values = recording.flown_by.get(kind), recording.settings.values(kind)

@@ -53,7 +53,7 @@ from ground.support.progress import Progress, Work
 from ground.support.results import distinct_labels
 
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
-CHANCE = 0.05  # probability that any of equally good models is said to differ from the best
+CHANCE = 0.05  # probability that any of equally good models is reported to differ from the best
 Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
 
 

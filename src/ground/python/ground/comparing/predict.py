@@ -66,7 +66,7 @@ class Prediction(Shown, Plotted):
     ahead: Array  #: (n,) time since that start [s]
     measured: Array  #: (n, 6) poses as measured and repaired, velocities smoothed
     predicted: Array  #: (n, 6)
-    zero: float  #: origin of the run's clock, on that of the recording [s]
+    zero: float  #: origin of the run's clock, on the recording's clock [s]
     run: _core.RunData = field(repr=False)  #: the part of the run that is predicted
     band: Optional[float] = None  #: share of the samples that low and high are to hold; None: no band
     low: Optional[Array] = None  #: (n, 6) lower end of the band

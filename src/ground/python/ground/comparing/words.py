@@ -12,7 +12,7 @@ SLIGHTLY = 1.1  # ratio of the errors of two models below which one is slightly 
 
 def lines(result: Document, page: str = "") -> List[Line]:
     """All first lines; result: contents of compare.json; page: its file; empty: it is not written, and
-    commands are those of Python."""
+    commands are for Python."""
     ranking, found = result["ranking"], result["prediction"]
     best = next(iter(ranking["errors"]))
     head = [("Best" if len(ranking["errors"]) > 1 else "Model", _best(ranking, best, found))]

@@ -170,7 +170,7 @@ class Tracking(Shown, Plotted):
             )
         if self.caution:
             return "choose an easier reference, or accept the error: " + self.caution
-        return "nothing needed"
+        return "nothing needed; sim_tracking.launch runs the same controller with all nodes"
 
     def details(self) -> Iterator[str]:
         """Inputs, computing time, and runs that ended early."""

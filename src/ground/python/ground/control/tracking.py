@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="time after the start of the reference from which errors count [s] (%(default)g)",
     )
-    parser.add_argument("--room", metavar="ROOM.yaml", help="room whose walls are drawn (that of the run)")
+    parser.add_argument("--room", metavar="ROOM.yaml", help="room whose walls are drawn (the run's)")
     command_line.add_details(parser)
     add_picture(parser, "path, error, inputs and computing time of the longest drive")
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
@@ -81,4 +81,6 @@ def _lines(runs: Sequence[Document], as_table: bool) -> Iterator[str]:
     yield from ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows] if as_table else []
     changed = ["%s %d times" % (run["run"], run["changes"]) for run in runs if run["changes"]]
     told = "parameters changed while these ran: %s; identify info lists them" % ", ".join(changed)
-    yield from formatted([("Next", told if changed else "nothing needed")])
+    yield from formatted(
+        [("Next", told if changed else "nothing needed; the program tune searches for better gains")]
+    )

@@ -78,7 +78,7 @@ def add_reading_arguments(parser: "argparse._ActionsContainer") -> None:
     parser.add_argument(
         "--stamps",
         choices=["unpadded"],
-        help="nanoseconds after the point of the stamps in a table have no leading zeros: mend them",
+        help="nanoseconds after the point of the stamps in a table have no leading zeros: restore them",
     )
     parser.add_argument(
         "--leave-out",

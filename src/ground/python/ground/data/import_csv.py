@@ -56,7 +56,7 @@ def read_csv(path: str) -> Tuple[Indices, Indices, Array]:
     ):
         if wrong.any():
             raise GroundError("%s, line %d: %s" % (path, np.argmax(wrong) + 2, what))
-    # as whole numbers, which have more digits than those of a float
+    # as whole numbers, which have more digits than a float
     stamps, received = (np.asarray(containers.column(columns, n)).astype(np.int64) for n in times)
     return stamps, received, numbers[:, 2:]
 

@@ -3,6 +3,7 @@
 import argparse
 import math
 import os
+import shlex
 from typing import Iterator, List, Sequence
 
 from ground.checks import findings, imitations, layouts, suspicions
@@ -30,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model",
         metavar="MODEL.yaml",
-        help="a model of the craft: which channel drives which of its thrusters is judged by the motion",
+        help="a model of the craft: find from the motion which channel drives which of its thrusters",
     )
     parser.add_argument("--force", action="store_true", help="overwrite the mapping file")
 
@@ -48,7 +49,8 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     doubts = suspicions.about(recordings, model)
     described = findings.with_suspicions(described, doubts)
     of_all = [one.sentence for one in doubts if len(one.runs) > 1]
-    for line in formatted(_headline(described, of_all)):
+    read = [*arguments.bags, *(["--mapping", arguments.mapping] if arguments.mapping else [])]
+    for line in formatted(_headline(described, of_all, read)):
         command_line.say(arguments, line)
     for d in described:
         command_line.say(arguments)
@@ -71,9 +73,9 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     return described
 
 
-def _headline(described: Sequence[Document], of_all: Sequence[str]) -> Iterator[Line]:
+def _headline(described: Sequence[Document], of_all: Sequence[str], read: Sequence[str]) -> Iterator[Line]:
     """The first lines: how much is usable, how good the poses are, and what to do next; of_all: sentences on
-    what several recordings look like together."""
+    what several recordings look like together; read: the arguments that name them."""
     usable = sum(float(d["usable"]["duration"]) for d in described)
     whole = sum(float(d["duration"]) for d in described)
     odd = {d["name"]: [*findings.grave(d), *(w for w in d["warnings"] if CAME_LATE in w)] for d in described}
@@ -93,7 +95,8 @@ def _headline(described: Sequence[Document], of_all: Sequence[str]) -> Iterator[
     elif doubtful:
         yield "Next", "look at %s: %s" % (", ".join(doubtful), odd[doubtful[0]][0])
     else:
-        yield "Next", "nothing to mend"
+        fits = "rosrun ground identify fit %s --model MODEL -o fitted.yaml"
+        yield "Next", "nothing to mend; fit a model:\n" + fits % " ".join(map(shlex.quote, read))
 
 
 def _from(mapping_file: str, path: str) -> str:

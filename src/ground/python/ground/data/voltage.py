@@ -31,7 +31,7 @@ def note_missing(model: Model, recordings: Sequence[Recording]) -> None:
     without = [one.name for one in recordings if one.voltage is None]
     if without:
         warn(
-            "%s: no voltage is recorded, so %s changes nothing there and thrust is that at %g V"
+            "%s: no voltage is recorded, so %s has no effect there; thrust is as at %g V"
             % (", ".join(without), EFFECT, model.core.volts)
         )
 
@@ -43,7 +43,7 @@ def tried(
     only: Sequence[str],
     exclude: Sequence[str],
 ) -> List[candidates.Candidate]:
-    """Effects to try, with that of the voltage where one is recorded. GroundError when it is wanted and no
+    """Effects to try, with the voltage's where one is recorded. GroundError when it is wanted and no
     recording has one."""
     has_voltage = any(one.voltage is not None for one in recordings)
     if any(one.name == EFFECT for one in effects):

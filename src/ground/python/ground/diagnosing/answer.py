@@ -10,7 +10,8 @@ from ground.analysis.diagnosis import EXPLAINED
 from ground.analysis.search import LEVEL
 from ground.diagnosing import words
 from ground.effect_library import candidates
-from ground.reports.words import capital, direction, listed, number, off, prediction
+from ground.reports import effect_words
+from ground.reports.words import capital, listed, number, off, prediction
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
@@ -33,7 +34,7 @@ def tried(row: Document, means: Document) -> Document:
 
 
 def lines(report: Document, folder: str = "") -> List[Line]:
-    """All first lines; folder: of the results; empty: they are not written, and commands are those of
+    """All first lines; folder: of the results; empty: they are not written, and commands are for
     Python."""
     return [*known_first(report), *known_last(report, folder)]
 
@@ -45,7 +46,7 @@ def known_first(report: Document) -> List[Line]:
         return head
     count, beside = len(report["improved"]["effects"]), {}
     if count:
-        beside["refitted"] = "without the effect%s, refitted" % ("s" * (count > 1))
+        beside["refitted"] = "refitted without the effect%s" % ("s" * (count > 1))
     if report["ceiling"]["named_as"]:
         beside["formula"] = "with the formula for what is left"
     return head + prediction(report["prediction"], "given", "improved" if count else "refitted", **beside)
@@ -77,8 +78,8 @@ def _answers(report: Document) -> Iterator[str]:
         from ground.checks import suspicions
 
         yield (
-            "not searched - these recordings seem to be read with wrong units, axes, channels or clocks, "
-            "so that effects found in them would be wrong."
+            "not searched - these recordings seem to have wrong units, axes, channels or clocks, "
+            "and effects found in them would be wrong."
         )
         for found in report["findings"]:
             yield "%s: %s" % (", ".join(found["runs"]), suspicions.sentence(found))
@@ -101,10 +102,13 @@ def _effect(report: Document, step: Document) -> str:
     own = {key.split(".", 1)[1]: p for key, p in values.items() if key.startswith(name + ".")}
     means = " - " + report["means"][name] if name in report["means"] else ""
     told = "%s%s: %s" % (name, means, ", ".join(words.parameters(own)))
-    if all(p["identified"] and None not in p["ci95"] for p in own.values()):
-        deviations = {key: (p["ci95"][1] - p["ci95"][0]) / 3.92 for key, p in own.items()}
-        where = direction(name, {key: p["value"] for key, p in own.items()}, deviations)
-        told += ", so that " + where if where else ""
+    estimates = {
+        key: effect_words.Estimate.of(p["value"], words.interval(p), p["unit"], p["identified"])
+        for key, p in own.items()
+        if p["value"] is not None
+    }
+    does = effect_words.sentence(name, estimates)
+    told += ", so that " + does if does else ""
     others = [other for other in step["group"] if other != name]
     if others:
         told += ". These runs do not distinguish it from %s" % words.effects(report, others)
@@ -138,7 +142,7 @@ def _rest_matters(report: Document) -> bool:
 
 
 def _certainty(report: Document, step: Document) -> str:
-    """How certain an effect is, and what speaks against it."""
+    """How certain an effect is, and the evidence against it."""
     held, fitted = step["judged"]["holdout"], step["judged"]["fitted"]
     sure = next(word for chance, word in CERTAINTY if step["p_corrected"] < chance)
     if held and held["verdict"] == "worse":
@@ -188,12 +192,13 @@ def _rest(report: Document) -> str:
     if kind == "missing":
         doubted = not explained and not report["agreement"]["holds"]
         return "More may be missing: %s." % words.pattern(report) if doubted else ""
-    unnamed = "that has no name in the library"
+    unnamed = "that is not in the library"
     if report.get("selection"):
         unnamed = "that is none of the effects that were tried (%s)" % report["selection"]
     what = "something else" if report["improved"]["effects"] else "an effect"
-    named = ": " + ceiling["named_as"] if ceiling["named_as"] else ""
-    return "%s %s and depends on %s%s." % (what, unnamed, words.arguments(report), named)
+    if ceiling["named_as"]:
+        return "%s %s: %s." % (what, unnamed, ceiling["named_as"])
+    return "%s %s and depends on %s." % (what, unnamed, words.arguments(report))
 
 
 def _undecided(report: Document, depends: bool) -> str:
@@ -250,10 +255,12 @@ def _next(report: Document, folder: str) -> str:
         return "record more and longer runs to see whether more is missing; the model is usable now"
     if kind in ("complete", "missing") and _rest_matters(report) and not _is_chance(report):
         return _repeat(report, " (roslaunch: returns:=false)" if folder else "")
+    model = _in(folder, "improved.yaml") if folder else "diagnosis.improved"
+    told = "nothing needed; controllers and the simulator take %s" % model
     if proposed:
-        told = "nothing needed. These runs cannot show %s; this would:\n%s"
-        return told % (words.effects(report, proposed["separates"][:1]), flies)
-    return "nothing needed"
+        hidden = words.effects(report, proposed["separates"][:1])
+        return "%s. These runs cannot show %s; this would:\n%s" % (told, hidden, flies)
+    return told
 
 
 def _repeat(report: Document, by: str) -> str:

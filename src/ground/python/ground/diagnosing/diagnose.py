@@ -4,7 +4,7 @@ import argparse
 import os
 import re
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Callable, List, Optional, Sequence
 
 import numpy as np
@@ -55,7 +55,7 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
     )
     room: Optional[RoomLike] = option(
         None,
-        "room of the next experiment (that of the first run that has one, else 4 x 4 m)",
+        "room of the next experiment (of the first run that has one, else 4 x 4 m)",
         metavar="ROOM.yaml",
     )
 
@@ -132,7 +132,11 @@ def diagnose(
     for line in formatted(answer.known_first(report)):
         told(line)
     report = document.completed(report, found, conclusion, walls.core if walls else None)
-    parameters = parameters_by_name(conclusion.after.parameters)
+    starts = report["improved"]["parameters"]
+    parameters = {
+        name: replace(p, start=float(starts[name]["start"]))
+        for name, p in parameters_by_name(conclusion.after.parameters).items()
+    }
     improved = given
     if conclusion.verdict != MISREAD:
         before, after = (
@@ -175,7 +179,7 @@ def _what_matters(text: Optional[str]) -> Optional[Array]:
     found = re.fullmatch("%smm\\s*,%sdeg\\s*" % (number, number), text)
     values = np.array(found.groups() if found else [0.0], float)
     if not values.min() > 0:
-        raise GroundError("--matters: %r is no position and heading; write for example 2mm,0.5deg" % text)
+        raise GroundError("--matters %r: not a position and a heading; write for example 2mm,0.5deg" % text)
     return values
 
 
@@ -200,9 +204,9 @@ def effects_to_try(
     exclude: Sequence[str] = (),
     effects: Sequence[EffectLike] = (),
 ) -> List[candidates.Candidate]:
-    """Effects of the library and of `effects`, selected by `only` and `exclude`. Those of `effects`
+    """Effects of the library and of `effects`, selected by `only` and `exclude`. The ones in `effects`
     are tried in addition to the library's in `only`, unless `only` names one of them; they replace
-    those of the library with the same names. GroundError when one does not exist or does not fit
+    effects of the library with the same names. GroundError when one does not exist or does not fit
     the model."""
     given = [Effect.of(effect) for effect in effects]
     own = [effect.candidate(model.core) for effect in given]

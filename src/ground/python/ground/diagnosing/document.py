@@ -55,17 +55,18 @@ def begun(
         "findings": list(findings),
         **({"selection": selection} if selection else {}),
         "nominal": {
-            "parameters": _parameters(before.parameters),
+            "parameters": _parameters(before.parameters, given=diagnosis.given),
             "error": _error(before.error.sum(), conclusion.heldout[0], by),
             "cross_validated": float(diagnosis.nominal.heldout.sum()),
             "by": before.by,
         },
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
-            "parameters": _parameters(conclusion.after.parameters),
+            "parameters": _parameters(conclusion.after.parameters, given=diagnosis.given),
             "error": _error(conclusion.after.error.sum(), conclusion.after.heldout.sum(), by),
             "cross_validated": conclusion.cross_validated,
             "by": conclusion.after.by,
+            **({"likelihood": _likelihood(diagnosis)} if conclusion.after.by == "likelihood" else {}),
         },
         "noise_floor": conclusion.heldout_floor,
         "prediction": horizon.as_document(conclusion.prediction),
@@ -121,13 +122,27 @@ def completed(
     }
 
 
+def _likelihood(diagnosis: Diagnosis) -> Document:
+    """The log-likelihood of the grown model, and what information criteria need."""
+    fit = diagnosis.fit
+    return {
+        "llf": float(fit.by_run.sum()),
+        "parameters": len(fit.free),
+        "observations": diagnosis.samples,
+    }
+
+
 def _error(fit: Optional[float], heldout: Optional[float], by: str = "cross-validation") -> Document:
     """Errors on the runs fitted to and on those held out: parts of these, each by a fit to the others, or,
     by "holdout", runs of the user."""
     return {"fit": fit and float(fit), "heldout": heldout and float(heldout), "by": by}
 
 
-def _parameters(parameters: Iterable[Document], prefix: str = "") -> Document:
+def _parameters(
+    parameters: Iterable[Document], prefix: str = "", given: Optional[_core.Model] = None
+) -> Document:
+    """Parameters by name; `start` is the value in the given model, where it has the parameter."""
+    values = candidates.values(given) if given else {}
     return {
         p["name"][len(prefix) :]: {
             "value": p["value"],
@@ -135,6 +150,7 @@ def _parameters(parameters: Iterable[Document], prefix: str = "") -> Document:
             "ci95": list(p["ci95"]),
             "identified": p["identified"],
             **{key: p[key] for key in ("start", "deviation", "at_bound", "runs") if key in p},
+            **({"start": values[p["name"]]} if p["name"] in values else {}),
         }
         for p in parameters
     }

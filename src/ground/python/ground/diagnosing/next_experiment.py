@@ -74,7 +74,7 @@ def propose(
     """
     fits = list(rivals.values())
     if not fits[0].model.is_pair:
-        return None  # the experiments to choose from are those of a left and a right thruster
+        return None  # the experiments to choose from are for a left and a right thruster
     place, told = room or _core.RoomPlan(), work or Work()
     noise, runs = runs[0].noise, [thinned(run) for run in runs]  # once for all experiments
     choice = list(designs())
@@ -137,7 +137,7 @@ def _disagreement(
 
 def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _core.RunData:
     """A model's motion on a schedule, from rest, as _core.RunData. Poses have no noise added,
-    because the mean disagreement is wanted; `noise` is the level that they are given."""
+    so that the disagreement is a mean; `noise` is the level that they are given."""
     inputs = schedule.rows.copy()
     off = inputs[inputs[:, 3] > 0, 0].max() < inputs[:, 0]  # nothing after it is usable
     end = inputs[off, 0].min() if off.any() else schedule.end

@@ -39,6 +39,7 @@ def write(path: str, report: Document, found: Drawn, force: bool = False) -> Non
         runs=studies.shown(inspected, [described[i] for i in drawn], banded),
         candidates=_candidates(report),
         chosen=[i for i, c in enumerate(report["candidates"]) if c["selected"]],
+        columns=_columns(report),
         parameters=_parameters(report),
         new=[i for i, name in enumerate(improved) if name not in nominal],
         described=studies.quality(described),
@@ -79,14 +80,27 @@ def _candidates(report: Document) -> List[List[Any]]:
     ]
 
 
+def _columns(report: Document) -> List[str]:
+    """The heads of the table of parameters, which names models as the figures do."""
+    models = ["#given", "#refitted", *["#improved"] * bool(report["improved"]["effects"])]
+    return ["parameter", *models, "95% interval", "unit"]
+
+
 def _parameters(report: Document) -> List[List[str]]:
-    """A row for each parameter of the improved model."""
+    """A row for each parameter of the improved model: before and after."""
     nominal = report["nominal"]["parameters"]
+    found = bool(report["improved"]["effects"])
+
+    def before(name: str, key: str) -> str:
+        value = nominal.get(name, {}).get(key)
+        return "" if value is None else "%.4g" % value
+
     return [
         [
             name,
-            "%.4g" % nominal[name]["value"] if name in nominal else "",
-            "%.4g" % p["value"],
+            before(name, "start"),
+            *[before(name, "value")] * found,
+            "-" if p["value"] is None else "%.4g" % p["value"],
             "%.4g to %.4g" % words.interval(p) if p["identified"] else "not identifiable from these data",
             p["unit"],
         ]

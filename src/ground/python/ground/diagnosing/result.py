@@ -11,7 +11,7 @@ from ground.analysis.verdict import MISREAD
 from ground.diagnosing import answer, document, words
 from ground.diagnosing.drawn import REFITTED, Drawn
 from ground.effect_library.effects import Effect
-from ground.models import Model, Parameter
+from ground.models import Estimated, Model, Parameter
 from ground.reports import result_folder
 from ground.support import files
 from ground.support.annotations import Array, Document, Path
@@ -22,12 +22,12 @@ from ground.support.results import Plotted, Shown
 if TYPE_CHECKING:
     import pandas
 
-# Files of a diagnosis, in the order in which a user is told of them
+# Files of a diagnosis, in the order in which they are listed
 FILES = ("diagnosis.json", "report.html", "improved.yaml", "proposal.yaml", "next_experiment.csv")
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Shown, Plotted):
+class Diagnosis(Shown, Plotted, Estimated):
     """Which effects are missing in a model, by how much they improve it, and the model with them.
 
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "wind"])
@@ -36,6 +36,8 @@ class Diagnosis(Shown, Plotted):
     >>> again = ground.load("diagnosis")
     >>> again.effects, again.improved == found.improved, again.error == found.error
     (('yaw_bias',), True, True)
+    >>> round(found.aic + 2 * found.llf) == 2 * len(found.params)
+    True
     """
 
     verdict: str  #: complete, missing, varies, memory, unexplained, undecided or misread
@@ -61,6 +63,37 @@ class Diagnosis(Shown, Plotted):
         """The effects tried, best first, as `candidates` of the report, with `meaning`, `size` and `certain`
         in words."""
         return [answer.tried(row, self.report["means"]) for row in self.report["candidates"]]
+
+    @property
+    def llf(self) -> float:
+        """Log-likelihood of the measured poses (and of gyro and accelerometer, where they were recorded)
+        under the improved model with a random disturbance and the noise of the poses, whose levels are
+        fitted, too: of one-step predictions of a Kalman filter (docs: Likelihood). Poses are thinned; of
+        long runs, it is of the parts that were searched (`seconds` of the report). GroundError where the
+        improved model was fitted by simulation error, or the diagnosis was saved by an older version."""
+        return float(self._likelihood["llf"])
+
+    @property
+    def aic(self) -> float:
+        """Akaike's criterion, 2 k - 2 llf. k counts the parameters, not the levels of disturbance and
+        noise, which all models have."""
+        return float(2 * self._likelihood["parameters"] - 2 * self.llf)
+
+    @property
+    def bic(self) -> float:
+        """Schwarz's criterion, k ln(n) - 2 llf, with k as in `aic` and three numbers for each pose in n."""
+        found = self._likelihood
+        return float(found["parameters"] * math.log(found["observations"]) - 2 * self.llf)
+
+    @property
+    def _likelihood(self) -> Document:
+        found: Optional[Document] = self.report["improved"].get("likelihood")
+        if found is None:
+            raise GroundError(
+                "the improved model has no likelihood: it was fitted by simulation error, or the "
+                "diagnosis was saved by an older version"
+            )
+        return found
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: what is missing, how much it matters, and what to do next."""

@@ -120,17 +120,17 @@ def ceiling(report: Document) -> str:
     """How much of the error is named, how much could be learned, and how much is chance."""
     found, agrees, named = report["ceiling"], report["agreement"], bool(report["improved"]["effects"])
     kinds = {
-        "named": "the effects found explain",
-        "learnable": "what could still be learned",
-        "chance": "chance",
+        "named": "the effects found explain %s",
+        "learnable": "further effects could explain %s",
+        "chance": "%s is chance",
     }
-    parts = ["%s %s" % (told, _part(found[kind])) for kind, told in kinds.items() if named or kind != "named"]
-    text = "Of the squared error on the runs that the model was fitted to, %s" % listed(parts)
-    text += "; what could be learned depends on %s." % arguments(report) if found["said"] else "."
+    parts = [told % _part(found[kind]) for kind, told in kinds.items() if named or kind != "named"]
+    text = "Of the squared error on the runs that the model was fitted to, %s." % listed(parts)
+    text += " The further effects depend on %s." % arguments(report) if found["said"] else ""
     if not agrees["holds"] and number(report["noise_floor"]) != "-":
         text += (
-            " But what is left (error %(measured).3f) is not the steady random disturbance that these shares "
-            "assume (it would leave %(expected).3f): more may be missing." % agrees["error"]
+            " These shares assume a steady random disturbance, with which the improved model would have an "
+            "error of %(expected).3f. The error is %(measured).3f, so more may be missing." % agrees["error"]
         )
     return text
 
@@ -245,7 +245,7 @@ def evidence(report: Document) -> Iterator[str]:
         yield form % (c["rank"], *numbers, "%s: %s" % (name, values))
     held = is_held_out(report)
     name = "error on held-out runs:" if held else "cross-validated error:"
-    yield "%-23s %5.3f refitted as it is" % (name, report["nominal"]["error"]["heldout"])
+    yield "%-23s %5.3f refitted" % (name, report["nominal"]["error"]["heldout"])
     for step in report["steps"]:
         yield "%23s %5.3f + %s" % ("", step["error"]["heldout"], effect(report, step["added"]))
     yield "%29s noise of the poses alone" % number(report["noise_floor"])

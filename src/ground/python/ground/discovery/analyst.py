@@ -63,7 +63,7 @@ class FlightDiagnosis:
 
     @property
     def verdict(self) -> str:
-        """That of the conclusion."""
+        """The verdict of the conclusion."""
         return self.conclusion.verdict
 
     @property
@@ -155,7 +155,7 @@ class Analyst:
         self, recordings: Sequence[Recording], reachable: float, seed: int, work: Optional[Work] = None
     ) -> FlightDiagnosis:
         """Diagnoses recordings. reachable: time that is left for flights [s]; seed: of what is offered
-        for the next one; work: is told what is done. GroundError when they are too short."""
+        for the next one; work: gets the progress. GroundError when they are too short."""
         work = work or Work()
         runs = [repaired(recording).data(self.given) for recording in recordings]
         effects = [*candidates.library(self.given), *map(self._own, self.own)]
@@ -184,7 +184,7 @@ class Analyst:
         work: Optional[Work] = None,
     ) -> List[Offer]:
         """What can be flown next; seed: of random inputs; varying: levels of what differs from flight
-        to flight, which leave less information on forces that are always the same; work: is told how many
+        to flight, which leave less information on forces that are always the same; work: gets how many
         flights were simulated."""
         found, work, all_pieces = [], work or Work(), pieces.pieces(basis.model, seed)
         with work.stage("simulating flights to choose from", len(all_pieces)):

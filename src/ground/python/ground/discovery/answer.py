@@ -17,7 +17,7 @@ def lines(story: Story, given: Optional[_core.Model], model: str = "", page: str
     head = [("Missing" if story.ended else "Missing, so far", _answer(story, given))]
     if finding:
         best = "improved" if finding.effects else "refitted"
-        beside = {"refitted": "without the effects, refitted"} if finding.effects else {}
+        beside = {"refitted": "refitted without the effects"} if finding.effects else {}
         head += prediction(finding.prediction, "given", best, **beside)
     if story.flights:
         head.append(("Flown", words.effort(story)))

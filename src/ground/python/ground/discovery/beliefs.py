@@ -9,7 +9,7 @@ in these units, the fitted parameters projected out, the flights raise the odds 
 (the likelihood ratio of two normal models). For an effect that was fitted, the exponent is half of
 its log-likelihood ratio. Flights that do not show an effect leave the belief as it was.
 
-What is told is the probability that an effect acts and matters: of its parameters' distribution after the
+The result is the probability that an effect acts and matters: of its parameters' distribution after the
 flights, normal with mean (I + A)^-1 s and covariance (I + A)^-1, the part beyond the size that matters.
 """
 
@@ -46,7 +46,7 @@ class State:
     questions: Questions
     information: Information  # that all flights so far give
     beliefs: List[Belief]
-    open: List[Question]  # those of `questions` that more flights can decide
+    open: List[Question]  # the questions that more flights can decide
 
 
 class Test(NamedTuple):
@@ -98,7 +98,7 @@ def after(
     """The State after a diagnosis of all flights. groups: by the effects that were found; small: effects
     that are too small to matter or were refused; basis: of the grown model and the effects that it does
     not have; information: of all flights, at the grown model; reachable: information matrix of the
-    flights that may still come; noise: error that the poses' noise leaves, relative to that of the
+    flights that may still come; noise: error that the poses' noise leaves, relative to the error of the
     model without effects."""
     known = _Known(basis, information, sizes, groups)
     tests = known.tests()
@@ -174,7 +174,7 @@ class _Known:
         return found
 
     def probabilities(self, tests: Mapping[str, Test]) -> Dict[str, float]:
-        """Probability that each effect acts. The members of a group share that of the found one."""
+        """Probability that each effect acts. Members of a group share the probability of the found one."""
         probability = {name: test.acts for name, test in tests.items()}
         for name, group in self.groups.items():
             one_of_them = _probability(self._found_odds(group.ratio, name))

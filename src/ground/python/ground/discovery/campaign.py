@@ -38,8 +38,8 @@ class FlightCampaign(Flights):
     """Finds the physics that a model of a craft in a Laboratory misses.
 
     folder: keeps all and is gone on from; empty: nothing is kept. told: called with the story at each
-    change. threads: 0 for all cores. work: is told what a diagnosis does. GroundError when the folder is
-    that of another model.
+    change. threads: 0 for all cores. work: gets the progress of a diagnosis. GroundError when the folder is
+    a discovery of another model.
     """
 
     def __init__(

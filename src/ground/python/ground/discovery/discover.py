@@ -151,7 +151,7 @@ def discover(
     models, journal.json and the page report.html after each step; the discovery of a folder is
     continued. trim differs from flight to flight. told: called with the Story at each change; progress:
     called with a ground.support.progress.Report at each step. OptionError when an option is wrong,
-    GroundError when the craft cannot fly, or the folder is not that of a
+    GroundError when the craft cannot fly, or the folder is not from a
     discovery of this model. Options, as keyword arguments or as DiscoverOptions:
 
     >>> craft = ground.Model.load(model_file).with_effect("yaw_bias", n0=1e-4)

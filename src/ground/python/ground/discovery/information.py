@@ -1,6 +1,6 @@
 """What flights tell of the questions that are open, before they are flown.
 
-The Fisher information of a model's parameters, and of those of the effects that it does not have,
+The Fisher information of a model's parameters, and of the parameters of effects that it does not have,
 adds up over flights. It follows from a flight's inputs and expected motion alone. An effect of the
 size that matters is expected to raise 2 ln L by
 
@@ -45,7 +45,7 @@ class Basis:
     extended: _core.Model  # with the effects
     free: List[str]
     columns: Dict[str, List[int]]  # each effect's, among all names
-    names: List[str]  # the free parameters, then those of the effects
+    names: List[str]  # the free parameters, then the effects' parameters
 
     @staticmethod
     def of(
@@ -111,7 +111,7 @@ def sizes_that_matter(
 
 
 class _Change:
-    """Change of the motion along a run from that of a model, relative to the error by noise."""
+    """Change of the motion along a run from a model's motion, relative to the error by noise."""
 
     def __init__(self, model: _core.Model, run: _core.RunData) -> None:
         chosen = windows.spread(windows.cut([run]), WINDOWS)

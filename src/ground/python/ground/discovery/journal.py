@@ -47,13 +47,14 @@ class Journal:
 
     def begin(self, given: _core.Model) -> None:
         """Writes the given model into a folder without a story. GroundError when the folder has other
-        files than those of an interrupted beginning."""
+        files than an interrupted beginning leaves."""
         if not self.folder:
             return
         names = self._files()
         if names and (names != [FIRST] or self.model(FIRST).format() != given.format()):
             raise GroundError(
-                "%s has files, but no %s: name a new folder, or that of a discovery" % (self.folder, STORY)
+                "%s has files, but no %s: name a new folder, or the folder of a discovery"
+                % (self.folder, STORY)
             )
         self.keep_model(FIRST, given)
 

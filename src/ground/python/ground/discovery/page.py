@@ -147,7 +147,7 @@ def _flights(
 
 
 def _flight(story: Story, flown: Flown, finding: Optional[Finding]) -> Document:
-    """What is told of a flight that was flown."""
+    """The texts of a flight that was flown."""
     plan, lines = flown.flight, []
     beside = "%s; %.1f s" % (plan.purpose, flown.seconds)
     if flown.tracking_error is not None:

@@ -170,7 +170,7 @@ class Story:
 
     @staticmethod
     def from_dict(document: Document) -> "Story":
-        """The Story of plain values; KeyError or TypeError when they are not those of a story."""
+        """The Story of plain values; KeyError or TypeError when they are not a story's."""
         found: Story = _read(Story, document)
         return found
 

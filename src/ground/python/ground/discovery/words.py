@@ -51,7 +51,7 @@ def effects_of(finding: Finding, model: Optional[_core.Model] = None) -> List[st
 
 
 def rest_of(finding: Finding) -> str:
-    """What is said beside the effects that were found; empty if nothing is."""
+    """Sentences beside the effects that were found; empty without any."""
     is_left = tale.LEFT in finding.open
     if finding.effects and finding.verdict not in (*RESTS, "misread") and not is_left:
         return ""

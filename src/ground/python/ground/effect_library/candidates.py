@@ -1,4 +1,4 @@
-"""Effects that may be missing in a model: those of the library, and a user's from YAML files."""
+"""Effects that may be missing in a model: the library's, and a user's from YAML files."""
 
 import math
 from dataclasses import dataclass, replace
@@ -46,7 +46,7 @@ def of_library(name: str) -> Candidate:
 
 
 def effects(model: Optional[_core.Model] = None) -> Dict[str, Document]:
-    """The effects of the library by name, as _core.effects() has them, with a model those of its
+    """The effects of the library by name, as _core.effects() has them, with a model also the effects of its
     single thrusters as well; GroundError where a library of GROUND_EFFECT_LIBRARIES cannot be used.
     """
     with core_errors():
@@ -54,7 +54,7 @@ def effects(model: Optional[_core.Model] = None) -> Dict[str, Document]:
 
 
 def summaries(model: Optional[_core.Model] = None) -> Dict[str, str]:
-    """What each effect is: those of the library and of a model. A user's formula has none."""
+    """What each effect of the library and of a model is. A user's formula has none."""
     known = {name: effect["summary"] for name, effect in effects(model).items()}
     known.update(model.summaries if model else {})
     return {name: summary for name, summary in known.items() if summary}

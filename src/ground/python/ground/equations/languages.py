@@ -10,7 +10,7 @@ _ARCS = "asin acos atan asinh acosh atanh".split()
 
 
 def _calls(prefix: str, names: Dict[str, str]) -> Dict[str, str]:
-    """Calls of functions with one argument, or of two where their name is that of an operation of two."""
+    """Function-call templates; with two arguments for names of binary operations."""
     two = ("min", "max", "atan2", "pow", "&&", "||")
     return {
         operation: "%s%s(%s)" % (prefix, name, "{0}, {1}" if operation in two else "{0}")

@@ -17,7 +17,7 @@ LOOSE, WHOLE = 0, 9  # a list of arguments; a name, a number or a call
 
 @dataclass(frozen=True)
 class Language:
-    """How expressions are written. Operators are those of C where `functions` has no other."""
+    """How expressions are written. Operators are C's where `functions` has no other."""
 
     functions: Mapping[str, str]  #: by name of the operation, with {0}, {1}, {2} for the arguments
     number: Callable[[float], str]

@@ -58,7 +58,12 @@ class ExportedModel(Shown):
             ("Exported", "states %s; inputs %s." % (", ".join(self.states), ", ".join(self.inputs))),
             ("Checked", _checked(self.difference, self.unchecked)),
             ("File", self.path),
-            ("Next", "nothing needed" if self.difference is not None else "check it where it can be run"),
+            (
+                "Next",
+                "use it: its first lines say how"
+                if self.difference is not None
+                else "check it where it can be run",
+            ),
         ]
 
     def to_frame(self) -> "pandas.DataFrame":
@@ -85,7 +90,7 @@ def target(path: str, to: Optional[str]) -> str:
         return str(found)
     ends = ", ".join("%s as %s" % item for item in SUFFIXES.items())
     raise GroundError(
-        "%s: what it should be is not known; name it %s, or choose one of %s by --to (to= in Python)"
+        "%s: unknown format; name the file %s, or choose one of %s by --to (to= in Python)"
         % (path, ends, ", ".join(TARGETS))
         if to is None
         else "a model is not exported to %s; --to (to= in Python) takes one of %s" % (to, ", ".join(TARGETS))

@@ -46,7 +46,7 @@ class ExportedRun(Shown):
     duration: float  #: [s]
     models: List[str]  #: labels of the models, in the order of the channels /model and /model2
     horizon: float  #: how far ahead they predict [s]
-    counts: Dict[str, int]  #: messages by channel, without those of the scene
+    counts: Dict[str, int]  #: messages by channel, without the scene's
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: what was written, and how to look at it."""

@@ -100,7 +100,7 @@ class Scene:
             self._noise = noise
 
     def legend(self, line: str, words: str) -> None:
-        """A line of the legend: one of MODELS, and what is said about it."""
+        """A line of the legend: one of MODELS, and its text."""
         self._lines[line] = clean(words)
 
     def _follow(self, name: str, time: int, eta: Sequence[float], begins: bool = False) -> None:

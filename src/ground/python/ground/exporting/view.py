@@ -72,7 +72,7 @@ class View:
     ) -> None:
         """Commands by channel, as sent; wanted: before they were limited."""
         topic = "/commands/wanted" if wanted else "/commands"
-        if self._names.get(topic) != tuple(names):  # the first, or those of another craft
+        if self._names.get(topic) != tuple(names):  # the first names, or another craft's
             self._names[topic] = tuple(names)
             if topic in self._numbers:
                 self._numbers.pop(topic).channel.close()

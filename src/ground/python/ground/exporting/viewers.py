@@ -28,7 +28,7 @@ def context() -> Any:
     require()
     import foxglove
 
-    logging.getLogger("foxglove").setLevel(logging.CRITICAL)  # a viewer that goes without a word is no error
+    logging.getLogger("foxglove").setLevel(logging.CRITICAL)  # a viewer that closes is no error
     return foxglove.Context()
 
 

@@ -18,6 +18,7 @@ from ground.effect_library import candidates
 from ground.effect_library.effects import Effect, EffectLike
 from ground.fitting.result import Change
 from ground.models import (
+    Estimated,
     Model,
     ModelLike,
     Parameter,
@@ -25,7 +26,7 @@ from ground.models import (
     parameter_frame,
     parameters_by_name,
 )
-from ground.reports import words
+from ground.reports import effect_words, words
 from ground.support import command_line
 from ground.support.annotations import Array, Document, Path
 from ground.support.headline import Line
@@ -52,7 +53,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, repr=False)
-class Addition(Shown):
+class Addition(Shown, Estimated):
     """A model with an added effect. The models with and without it are refitted.
 
     >>> found = ground.add(model_file, "yaw_bias", bag)
@@ -104,12 +105,11 @@ class Addition(Shown):
         own = [p for name, p in self.parameters.items() if name.split(".")[0] == self.effect]
         values = ", ".join("%s %s" % (p.name.split(".", 1)[1], p.words) for p in own)
         by_name = {p.name.split(".", 1)[1]: p for p in own}
-        told = words.direction(
+        does = effect_words.sentence(
             self.effect,
-            {name: p.value for name, p in by_name.items()},
-            {name: p.deviation for name, p in by_name.items()},
+            {n: effect_words.Estimate.of(p.value, p.ci95, p.unit, p.identified) for n, p in by_name.items()},
         )
-        values += "; " + told if told else ""
+        values += ", so that " + does if does else ""
         answer = "yes" if self.verdict.helps else "no"
         do = "use the model with it" if self.verdict.helps else "keep the model without it"
         return [
@@ -271,7 +271,7 @@ def _verdict(
     elif known and all(p.ci95[0] <= neutral[p.name] <= p.ci95[1] for p in known):
         helps, reason = False, "its 95% intervals contain the values at which it does nothing"
     elif judged.is_worse:
-        helps, reason = False, "predicted poses of data that it was not fitted to are further off with it"
+        helps, reason = False, "the effect makes predictions of held-out data worse"
     elif tested and tested.change > 0:
         percent = 100 * tested.change
         helps, reason = False, "the error on the runs given as holdout rises by %.1f%%" % percent

@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unit",
         choices=sorted(bench_logs.NEWTONS),
-        help="unit of the forces (N; of a log that of its column's name)",
+        help="unit of the forces (N; of a log the unit in its column's name)",
     )
     parser.add_argument(
         "--log-columns",
@@ -72,7 +72,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="BAG",
         nargs="+",
         default=[],
-        help="recorded runs, to say how the bench agrees with motion, and which mass follows",
+        help="recorded runs, to compare the bench with motion and to estimate the mass",
     )
     bag_arguments.add_reading_arguments(parser)
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
@@ -148,7 +148,7 @@ def _put_into(model: _core.Model, found: thrust_bench.Thrust, path: str) -> Tupl
         return _put_into_pair(model, found)
     if model.input_max != 1:
         raise GroundError(
-            "%s has inputs up to %g, which are no normalised ones: a %s cannot be written into it; "
+            "%s has inputs up to %g, which are not normalised: a %s cannot be written into it; "
             "--curve power can" % (path, model.input_max, found.curve.words)
         )
     plain = _without_effects(model, found)

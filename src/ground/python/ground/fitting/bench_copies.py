@@ -33,7 +33,7 @@ def without_copies(
             if chance < CHANCE / pairs:
                 copies.add(line)
                 remarks.append(
-                    "%s: line %d is left out: its forces are those of line %d times %.4g, in all %d columns "
+                    "%s: line %d is left out: its forces equal line %d times %.4g, in all %d columns "
                     "and to the last digit, where repetitions differ by %.2g%%: they were computed, not "
                     "measured" % (path, line, other_line, factor, len(columns), 100 * scatter)
                 )

@@ -94,8 +94,8 @@ def read(
     path: str, names: Sequence[str], off: float, full: float, unit: Optional[str], columns: Sequence[str]
 ) -> Log:
     """The pulses in a log. names: the thrusters of the craft; off, full: values of the command that mean 0
-    and 1; unit: of the force, where its column does not name it; columns: names of those of time, force and
-    command, where they are not found. GroundError where it has none."""
+    and 1; unit: of the force, where its column does not name it; columns: names of the columns of time, force
+    and command, where they are not found. GroundError where it has none."""
     with containers.Tables([path]) as tables:
         (topic,) = tables.topics
         table = tables.table(topic)

@@ -46,7 +46,7 @@ class MassByMotion:
     ]  #: effect that was added, its time and 95% interval [s]
     pulse: float  #: mean time for which a command stays [s]
     converged: bool
-    scale: float = 1.0  #: from the bench's k to that of the model
+    scale: float = 1.0  #: from the bench's k to the model's
 
     @property
     def ratio(self) -> Tuple[float, float, float]:
@@ -99,7 +99,7 @@ class MassByMotion:
         """Whether bench and motion agree, and what follows. windows: a fit of k over windows."""
         value, low, high = self.ratio
         if not (math.isfinite(low) and high - low < 2 * UNSURE * value):
-            return "the motion does not tell its mass: record runs with more pushes"
+            return "the mass is not identifiable from this motion: record runs with more pushes"
         if not low <= 1 <= high:
             return (
                 "the intervals of bench and motion are apart: in motion the thrusters push %s, or the mass "
@@ -111,7 +111,7 @@ class MassByMotion:
         if k.ci95 and k.ci95[0] <= self.bench[2] * self.scale and k.ci95[1] >= self.bench[1] * self.scale:
             return "the intervals of bench and motion meet"
         return (
-            "the forces are those of the bench at once, but over windows the craft moves as if they were "
+            "the forces equal the bench's at once, but over windows the craft moves as if they were "
             "%.2f times as large: an effect is missing, and diagnose looks for it. Until then take k from a "
             "fit" % (k.value / (self.bench[0] * self.scale))
         )
@@ -166,7 +166,7 @@ def motion(
 
 
 def _free(model: _core.Model) -> List[str]:
-    """The nominal parameters with m in place of k, and those of effects."""
+    """The nominal parameters with m in place of k, and the effects' parameters."""
     return ["m", *(name for name in free_parameters(model) if name != "k")]
 
 
@@ -188,14 +188,15 @@ def _interval(parameter: Document) -> Tuple[float, float, float]:
 
 
 def _relative(one: Tuple[float, float, float]) -> Tuple[float, float]:
-    """Distances of an interval's ends from the value, relative to it."""
-    return (one[0] - one[1]) / one[0], (one[2] - one[0]) / one[0]
+    """Distances of the logarithms of an interval's ends and of the value, which is positive."""
+    value, low, high = one
+    return math.log(value / low) if low > 0 else math.inf, math.log(high / value)
 
 
 def _times(value: float, *relative: Tuple[float, float]) -> Tuple[float, float, float]:
-    """A value with an interval of several independent uncertainties."""
+    """A positive value with the interval of several independent uncertainties of its logarithm."""
     below, above = (math.sqrt(sum(end[i] ** 2 for end in relative)) for i in (0, 1))
-    return value, value * (1 - below), value * (1 + above)
+    return value, value * math.exp(-below), value * math.exp(above)
 
 
 def _plain(one: Tuple[float, float, float]) -> Document:

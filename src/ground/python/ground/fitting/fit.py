@@ -29,7 +29,7 @@ from ground.support.progress import Progress, Work
 OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
 RUNS = 20  # most parts that runs are held out in, where each has an error of its own
-LEVEL = 0.01  # probability that any run is said to disagree in any parameter although all agree
+LEVEL = 0.01  # probability that any run is reported to disagree in any parameter although all agree
 CLOSED = (
     "%s: the commands depend on the motion before them (closed loop), so the fit takes disturbances for "
     "effects of commands, and its intervals may miss the truth; record commands that do not depend on the "

@@ -115,7 +115,7 @@ def weak_directions(fit: Document) -> List[Document]:
     """Pairs of parameters of which only the ratio or product is identifiable, strongest first.
 
     Returns dictionaries with `parameters` (two names), `known_as` ("a/b" or "a*b"), `deviation`, its
-    relative standard deviation, and `deviations`, those of the two. Linear in the logarithms of the
+    relative standard deviation, and `deviations` of the two. Linear in the logarithms of the
     parameters, by the covariance that the fit gives.
     """
     rows = [

@@ -12,7 +12,7 @@ from ground.support.errors import GroundError
 
 Known = Dict[str, Tuple[float, float]]  # mean and standard deviation by parameter
 Given = Union[Mapping[str, Union[float, str]], Sequence[Tuple[str, Union[float, str]]]]
-LEVEL = 0.01  # probability that any is said to be contradicted although all were known rightly
+LEVEL = 0.01  # probability that any is reported as contradicted although all priors were right
 TOLD_LITTLE = 0.9  # of the deviation that was known, left after a fit
 SHOWN = 8  # parameters of a sentence
 
@@ -81,7 +81,7 @@ def sentences(before: Known, parameters: Sequence[Document]) -> Iterator[str]:
 
 def contradiction(moved: float, before: float, after: float) -> float:
     """Probability that a fit moves a parameter further from what was known, if that is right (Box 1980: the
-    variance of the move is what runs take from that of before, at least what TOLD_LITTLE leaves)."""
+    variance of the move is what runs take from the prior variance, at least what TOLD_LITTLE leaves)."""
     told = 1 - min(after / before, TOLD_LITTLE) ** 2
     return student_outside(moved / (before * math.sqrt(told)))
 

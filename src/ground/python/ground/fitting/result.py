@@ -1,6 +1,7 @@
 """A fit, and its lines of text."""
 
 import math
+import shlex
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence, Tuple, Union
 
@@ -12,7 +13,7 @@ from ground.analysis.distributions import student_limit
 from ground.analysis.horizon import PredictionError, as_document
 from ground.analysis.likelihood import step
 from ground.effect_library.parameters import described
-from ground.models import Model, Parameter, parameter_frame
+from ground.models import Estimated, Model, Parameter, parameter_frame
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
 from ground.support.headline import Line
@@ -72,11 +73,11 @@ class RunFit:
     ci95: Dict[str, Tuple[float, float]]  #: their 95% intervals
     error: float
     heldout_error: float
-    disagrees_in: List[str]  #: parameters whose estimate differs from that of the other runs
+    disagrees_in: List[str]  #: parameters whose estimate differs from the estimate of the other runs
 
 
 @dataclass(frozen=True, repr=False)
-class Fit(Shown, Plotted):
+class Fit(Shown, Plotted, Estimated):
     """A model fitted to recordings.
 
     >>> found = ground.fit(model_file, bag, free=["k", "N_r"])
@@ -85,6 +86,8 @@ class Fit(Shown, Plotted):
     True
     >>> found.correlation.loc["k", "k"], list(found.to_frame())
     (1.0, ['start', 'value', 'std_error', 'low', 'high', 'identified', 'at_bound', 'unit'])
+    >>> found.params["k"] == found.model["k"], found.bse["k"] > 0
+    (True, True)
     >>> "95% interval" in found.summary()
     True
     >>> found.predict(bag).position_mm < 100  # after 1.5 s
@@ -149,6 +152,25 @@ class Fit(Shown, Plotted):
                 ends = sorted(moved(known[p.name], p.value, by) for by in (-reach, reach))
                 frame.loc[p.name, ["low", "high"]] = ends
         return frame[["low", "high"]]
+
+    @property
+    def llf(self) -> float:
+        """None: a fit minimises a simulation error, which has no likelihood. Raises GroundError, which says
+        what has one: a diagnosis."""
+        raise GroundError(
+            "a fit minimises a simulation error and has no likelihood; a diagnosis fits by likelihood and "
+            "has llf, aic and bic: ground.diagnose(fit.model, RECORDINGS)"
+        )
+
+    @property
+    def aic(self) -> float:
+        """None, as llf; raises GroundError."""
+        return self.llf
+
+    @property
+    def bic(self) -> float:
+        """None, as llf; raises GroundError."""
+        return self.llf
 
     @property
     def correlation(self) -> "pandas.DataFrame":
@@ -266,14 +288,17 @@ class Fit(Shown, Plotted):
         if ratio > words.MISSING:
             finds = "ground.diagnose(fit.model, RECORDINGS)"
             if written:
-                finds = "rosrun ground identify diagnose BAGS --model %s -o diagnosis" % written
+                finds = "rosrun ground identify diagnose BAGS --model %s -o diagnosis" % shlex.quote(written)
             return (
                 "something is missing: predictions are off by %.2g times what the mocap explains. This "
                 "finds it:\n%s" % (ratio, finds)
             )
         if self.prediction is None:
             return "record longer runs, to see how far predictions are off"
-        return "nothing needed"
+        tests = "ground.compare(fit.model, OTHER_RECORDINGS)"
+        if written:
+            tests = "rosrun ground identify compare OTHER_BAGS --model %s -o compare" % shlex.quote(written)
+        return "test the model on runs that it was not fitted to:\n" + tests
 
     def table(self) -> Iterator[str]:
         """The fitted parameters."""

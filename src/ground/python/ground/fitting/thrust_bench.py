@@ -379,4 +379,5 @@ def _intervals(
             each = np.array([one.get(name, 1.0) for one in found])
             error = np.sqrt((count - 1) / count * ((each - each.mean()) ** 2).sum())
             away[name] = max(away[name], float(quantile * error))
-    return {name: (value - away[name], value + away[name]) for name, value in values.items()}
+    # none of them can be negative
+    return {name: (max(0.0, value - away[name]), value + away[name]) for name, value in values.items()}

@@ -54,7 +54,7 @@ class Analysed:
         return own[changes.informative(1 / np.maximum(self.known[own, parameter], 1e-300))]
 
     def level(self, parameter: int) -> float:
-        """The chance below which a change of a parameter of one craft is said."""
+        """The chance below which a change of a parameter of one craft is reported."""
         are_thrust = [name.startswith(THRUST) for name in self.free]
         alike = sum(one == are_thrust[parameter] for one in are_thrust)
         share = 1.0 if all(are_thrust) or not any(are_thrust) else 0.5
@@ -95,7 +95,7 @@ def analyse(
     nothing = np.full(y.shape, np.nan)
     made = Analysed(model, free, scale, names, runs, levels, each, known, {}, nothing, [])
     made, shifts = _with_changes(made)
-    if shifts.any():  # the levels are those of all runs as if the craft had always been as it is now
+    if shifts.any():  # the levels are of all runs, as if the craft had always been as it is now
         levels = hierarchy.fit(replace(runs, y=y - shifts))
     return replace(made, levels=levels, odd=list(_odd(levels, tolerance)))
 

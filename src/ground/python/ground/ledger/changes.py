@@ -16,13 +16,13 @@ from scipy import linalg
 
 from ground.support.annotations import Array, Indices, Random
 
-GRID = (0.0, 0.12, 0.25, 0.4, 0.55, 0.75, 1.0, 1.4)  # scatters that are tried, in those of the values
+GRID = (0.0, 0.12, 0.25, 0.4, 0.55, 0.75, 1.0, 1.4)  # scatters that are tried, in deviations of the values
 FEWEST = 3  # runs on each side of a step
 MOST = 5  # changes of one parameter
 SIMULATED = 800  # histories without a change
 TAIL = 0.1  # share of them that the tail is fitted to
 WORTH = 7.0  # least ratio (twice the logarithm) that is worth simulating
-UNKNOWN = 1e6  # variance over that of the best run from which a run tells nothing
+UNKNOWN = 1e6  # variance over the best run's variance from which a run is not informative
 OUTLIER = 4.0  # standard deviations from the neighbours beyond which a value is drawn back
 NEIGHBOURS = 7  # runs
 DRIFT, JUMP = "drift", "jump"

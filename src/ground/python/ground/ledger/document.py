@@ -14,7 +14,7 @@ from ground.support.annotations import Document
 
 SCHEMA = "ground/history/1"
 WIDE = 2.0  # half length of an interval, in a parameter's size, from which a run tells nothing of use
-SEEN = 1e-3  # least scatter that is said, in a parameter's size
+SEEN = 1e-3  # least scatter that is reported, in a parameter's size
 NORMAL = normal_limit(0.025)
 
 
@@ -75,7 +75,7 @@ def _scatter(factor: float, variance: float) -> float:
 
 
 def relative(parameter: str) -> bool:
-    """Whether differences of a parameter are said in percent: those of the body, which are never zero."""
+    """Whether differences of a parameter are in percent: parameters of the body, which are never zero."""
     return "." not in parameter
 
 

@@ -35,7 +35,7 @@ KEPT = 5  # version of what the cache has
 @dataclass(frozen=True)
 class EstimateTask:
     """A run to look at, in another process. model: text of the model file; empty: what is recorded with the
-    run is wanted, but no estimate."""
+    the run is kept, but has no estimate."""
 
     path: str
     mapping: FieldMapping
@@ -51,10 +51,10 @@ def cache_folder() -> str:
 
 
 def followed(model: Model, wanted: Optional[Sequence[str]] = None) -> Tuple[Model, Tuple[str, ...]]:
-    """The model with the effects that are followed, and the names of the free parameters: those of `fit`, of
-    the model's effects, asymmetry, and a lag (a delay looks alike, so that it shows here, too); of crafts
-    with more than two thrusters the gain of each but the first. GroundError for a wanted one that does not
-    exist."""
+    """The model with the effects that are followed, and the names of the free parameters: parameters of
+    `fit`, of the model's effects, asymmetry, and a lag (a delay is not distinguished, so that it shows here,
+    too); of crafts with more than two thrusters the gain of each but the first. GroundError for a wanted one
+    that does not exist."""
     thrusters = [t["name"] for t in model.core.thrusters]
     gains = ["thruster_gain_" + name for name in thrusters[1:]] if len(thrusters) > 2 else []
     lags = [] if set(LAGS) & set(model.effects) else LAGS[:1]

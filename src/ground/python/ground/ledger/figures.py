@@ -68,7 +68,7 @@ def _title(report: Document, own: Sequence[Document], kind: str, name: str) -> s
         return "Parameter " + words.change(report, own[0]) + more
     odd = [one["craft"] for one in report["odd"] if one["parameter"] == name and one["type"] == kind]
     if odd:
-        return "Parameter %s of %s is not that of the others" % (name, listed(odd))
+        return "Parameter %s of %s differs from the others" % (name, listed(odd))
     return "Parameter %s neither drifts nor jumps" % name
 
 

@@ -16,7 +16,7 @@ DATE = re.compile(
     r"(?:[-_T. ]?([01]\d|2[0-3])[-_.:h]?(\d\d)(?:[-_.:m]?(\d\d))?)?(?!\d)"
 )
 STAMPS, NAME, FILE = "stamps", "name", "file"  # where a time is from: messages, a path, the file system
-BY_MODEL, BY_FOLDER, BY_PATTERN = "model", "folder", "pattern"  # how crafts are told apart
+BY_MODEL, BY_FOLDER, BY_PATTERN = "model", "folder", "pattern"  # how crafts are distinguished
 ONLY = "craft"  # name of a craft of which nothing is known
 DIAGNOSIS = "diagnosis.json"
 

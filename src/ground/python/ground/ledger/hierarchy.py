@@ -2,7 +2,7 @@
 
 Run r of craft c on day d has the estimate y_r = m_c + d_d + e_r + error, where the error has the run's own
 information matrix J_r, d_d and e_r are independent normal for each parameter, and m_c is the craft's mean.
-The variances of days and runs are those of restricted maximum likelihood (Patterson and Thompson 1971;
+The variances of days and runs are by restricted maximum likelihood (Patterson and Thompson 1971;
 Harville 1977). J_r may be singular: only J_r and (1 + J_r T)^-1 J_r are used, never an inverse of J_r, so
 that a run weighs as much as it knows, also in combinations of parameters.
 """

@@ -34,7 +34,7 @@ Folders = Union[Path, Iterable[Path]]
 
 @dataclass(frozen=True)
 class HistoryOptions(bag_arguments.AsRecorded):
-    """How runs are told apart and what is asked of them."""
+    """How runs are grouped into crafts, and what is estimated."""
 
     model: Optional[ModelLike] = option(
         None, "model of the crafts (the one that was recorded with the runs)", metavar="M.yaml"
@@ -46,12 +46,12 @@ class HistoryOptions(bag_arguments.AsRecorded):
         metavar="HOW",
     )
     free: Optional[Sequence[str]] = option(
-        None, "parameters to follow (all that runs of the model may tell)", metavar="NAME", nargs="+"
+        None, "parameters to follow (all that runs of the model may identify)", metavar="NAME", nargs="+"
     )
     tolerance: float = option(
         0.1,
-        "difference between crafts of a type that is none, as a share of a parameter, or of an effect's "
-        "usual size (%(default)g)",
+        "difference between crafts of a type that does not count, as a share of a parameter, or of an "
+        "effect's usual size (%(default)g)",
         metavar="SHARE",
         range=(0.0, 10.0),
     )
@@ -180,7 +180,7 @@ def _types(runs: Sequence[Document], options: HistoryOptions) -> List[Tuple[Mode
     without = [run["path"] for run, text in zip(runs, texts) if not text]
     if without:
         raise GroundError(
-            "%s: no model was recorded with this run (%d of %d have none); --model names that of the crafts"
+            "%s: no model was recorded with this run (%d of %d have none); --model names the crafts' model"
             % (without[0], len(without), len(runs))
         )
     parsed: Dict[str, Model] = {}

@@ -48,7 +48,7 @@ class History(Shown, Plotted):
     @property
     def runs(self) -> List[Document]:
         """Each run in order of time: name, path, recorded, craft, type, and parameters: value, ci95, mean;
-        None for what it does not tell."""
+        None for what it does not identify."""
         return list(self.report["runs"])
 
     @property

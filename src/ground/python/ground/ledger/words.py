@@ -29,7 +29,7 @@ CAUSES = {  # what usually changes a parameter
 
 
 def lines(report: Document, page: str = "") -> List[Line]:
-    """All first lines; page: its file; empty: it is not written, and commands are those of Python."""
+    """All first lines; page: its file; empty: it is not written, and commands are for Python."""
     found = [("Changed" if not i else "", text) for i, text in enumerate(_changed(report))]
     found += [("Odd craft" if not i else "", text) for i, text in enumerate(_odd(report))]
     found += [("Scatter", _scatter(report)), ("Runs", _runs(report))]
@@ -92,7 +92,7 @@ def sorted_ends(ends: Sequence[Optional[float]]) -> Sequence[Optional[float]]:
 
 
 def is_relative(report: Document, one: Document) -> bool:
-    """Whether a change or a difference is said in percent."""
+    """Whether a change or a difference is in percent."""
     relative: bool = _type(report, one)["parameters"][one["parameter"]]["relative"]
     return relative and one.get("before", 1.0) != 0
 
@@ -170,10 +170,7 @@ def _runs(report: Document) -> str:
     text += "; %d left out (the details say why)" % out if out else ""
     guessed = sum(run["time_from"] == "file" for run in runs)
     if guessed:
-        text += (
-            "; the time of %d is that of the file's last change: neither stamps nor names have a date"
-            % guessed
-        )
+        text += "; the time of %d is the file's last change: neither stamps nor names have a date" % guessed
     return text + "."
 
 
@@ -263,12 +260,11 @@ def evidence(report: Document) -> Iterator[str]:
 
 
 def told(value: Optional[Document]) -> str:
-    """A value with the half length of its interval."""
+    """A value with its interval; an end without a number stays empty."""
     if value is None:
         return "-"
-    ends = [end for end in value["ci95"] if end is not None]
-    half = max(abs(end - value["value"]) for end in ends) if len(ends) == 2 else None
-    return "%.3g ± %s" % (value["value"], "%.2g" % half if half is not None else "much")
+    low, high = ("" if end is None else "%.3g" % end for end in sorted_ends(value["ci95"]))
+    return "%.3g (%s to %s)" % (value["value"], low, high)
 
 
 def verdict(one: Document) -> str:

@@ -26,7 +26,7 @@ from ground.support.progress import Report, Work
 
 STOPPED = "stopped by hand"
 PREPARES = "prepares: simulates what flights could show"
-QUIET = 5.0  # longest time without a word on a diagnosis that goes on [s]
+QUIET = 5.0  # longest time without a report on a diagnosis that goes on [s]
 NICE = 5  # niceness: other busy nodes get three times the time of the diagnosis
 
 

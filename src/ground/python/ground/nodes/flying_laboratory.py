@@ -49,7 +49,7 @@ class FlyingLaboratory:
     """A Laboratory (ground/discovery/laboratory.py) of the nodes `excitation` (Excitation) and
     `tracker` (ModelPredictive, None if there is none), `sender`, `mocap_state` and `live_comparison`.
 
-    It never arms the sender of a real craft: it waits until somebody does. All limits are those of the nodes.
+    It never arms the sender of a real craft: it waits until somebody does. The nodes set all limits.
     """
 
     def __init__(

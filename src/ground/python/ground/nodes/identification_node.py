@@ -169,7 +169,7 @@ class IdentificationNode:
         if task == "add" and not request.effect:
             raise GroundError("effect is empty: which one shall be added?")
         if request.last < 0:
-            raise GroundError("last is %g s: seconds before now have to be positive" % request.last)
+            raise GroundError("last is %g s, but must be positive: it counts back from now" % request.last)
         folder = self._new_folder(task)
         made = os.path.join(folder, MADE[task])
         try:

@@ -59,7 +59,7 @@ class Node:
             self.values = dict(self._client.get_configuration(ANSWER_TIMEOUT) or {})
         except rospy.ROSException:
             raise GroundError(
-                "%s: no node of this name with such parameters runs; there are: %s"
+                "%s: no running node of this name has such parameters; there are: %s"
                 % (name, ", ".join(names()) or "none")
             )
         self.parameters = [_parameter(p) for p in described]

@@ -22,7 +22,7 @@ from ground.support.errors import GroundError
 
 REDRAW = 0.05  # period [s]
 SIZE = (1200, 900)  # width and height when the window opens [pixels]
-SILENCE = 3.0  # silence of a node or of all topics after which the window says so [s]
+SILENCE = 3.0  # silence of a node or of all topics after which the window reports it [s]
 WIDEST = 2.5  # an axis this many times longer than its curves need is shortened
 LONGEST_NAME = 16  # characters; longer names of models are cut off in titles
 NOTE, BAD = appearance.LESS, appearance.WARNING

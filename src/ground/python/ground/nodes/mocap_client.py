@@ -20,10 +20,10 @@ from ground.support.annotations import Message
 from ground.support.errors import GroundError
 
 SYSTEMS = ("optitrack", *library.SYSTEMS)
-PRIORITY = 31  # under SCHED_FIFO: that of what receives poses (link/real_time.h)
+PRIORITY = 31  # under SCHED_FIFO: as of what receives poses (link/real_time.h)
 LOCK_ALL = 7  # MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT of mlockall(2)
-REPEAT = 5.0  # time after which a problem that lasts is said again [s]
-SETTLED = 2.0  # time after which the offset of the clocks is said [s]
+REPEAT = 5.0  # time after which a problem that lasts is reported again [s]
+SETTLED = 2.0  # time after which the offset of the clocks is reported [s]
 SWITCH = 1e-4  # longest time for which the thread that sends a pose waits for the one that made it [s]
 QUEUE = 10  # messages that wait for a slow subscriber
 

@@ -48,7 +48,7 @@ def fail_launch(process: int) -> None:
 
 
 def _children(parent: int, cores: bool) -> List[int]:
-    """The running children of a process, without this one: those of a roscore, or the others."""
+    """The running children of a process, without this one: a roscore's children, or the others."""
     found = []
     for path in glob.glob("/proc/%d/task/*/children" % parent):
         with contextlib.suppress(OSError), open(path) as file:  # it has ended

@@ -172,7 +172,7 @@ def _late(columns: Columns, given: Flags, sent_at: Indices) -> Iterator[str]:
     interval = 1e-9 * float(np.ptp(sent_at)) / (len(sent_at) - 1)
     if (late > max(interval, LATE)).any():
         yield (
-            "%d of %d " + CAME_LATE + ", by up to %.2g s after their stamps; if the craft acted when they "
-            "came, take `time: receipt` for the commands in a mapping (a file that identify info "
-            "--write-mapping drafts), and compare the errors"
+            "%d of %d " + CAME_LATE + ", by up to %.2g s after their stamps, and the craft may have acted "
+            "only then: give `time: receipt` for the commands in a mapping (a file that identify info "
+            "--write-mapping drafts), and compare the errors of both"
         ) % ((late > max(interval, LATE)).sum(), len(late), late.max())

@@ -139,7 +139,7 @@ def is_table(path: str) -> bool:
     if is_folder:
         raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
     if os.path.basename(path) == METADATA:
-        raise GroundError("%s: it is of a bag of ROS 2: give the folder that it is in" % path)
+        raise GroundError("%s: part of a bag of ROS 2: give its folder" % path)
     what = next((what for end, what in FOREIGN.items() if path.lower().endswith(end)), "")
     raise GroundError("%s: %s%s" % (path, NO_RECORDING, "; export %s as CSV" % what if what else ""))
 

@@ -224,7 +224,7 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
     figure.update_xaxes(title="lag [ms]", row=3)
     caption = (
         "Run %s: residuals from one pose to the next (Kalman filter around the model). Shaded: "
-        "%.0f%% band, where those of a true model stay." % (studies[0]["run"].name, 100 * residuals.BAND)
+        "%.0f%% band, in which a true model's stay." % (studies[0]["run"].name, 100 * residuals.BAND)
     )
     return figure.finish(560, caption, {"t": 65}, 1.06, title=residuals_title(studies))
 
@@ -233,10 +233,10 @@ def residuals_title(studies: Sequence[Document]) -> str:
     """What the residuals show: of each model, whether they follow something."""
     white = [s["label"] for s in studies if s["residuals"]["white"]]
     if len(white) == len(studies):
-        return "The residuals are random: they follow neither the commands nor their own past"
+        return "The residuals are random: they depend neither on the commands nor on their own past"
     others = [s["label"] for s in studies if s["label"] not in white]
-    told = "Residuals that follow the commands or their own past: %s" % listed(others)
-    return told + ("; random: %s" % listed(white) if white else "")
+    told = "The residuals of %s depend on commands or on their own past" % listed(others)
+    return told + ("; the residuals of %s are random" % listed(white) if white else "")
 
 
 def _add_correlation(

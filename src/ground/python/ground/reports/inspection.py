@@ -52,7 +52,7 @@ def inspect(run: _core.RunData, model: _core.Model, label: str, role: str = "fit
 
 def lacks(study: Document) -> str:
     """What the model of a study lacks: "nominal lacks a yaw moment of 0.7 mN m rms (18% of full thrust),
-    which follows u_L-u_R"."""
+    which follows the command u_L-u_R"."""
     channels = study["missing"].numbers["channels"]
     name = _largest(channels)
     if missing_wrench.is_negligible(channels[name]):
@@ -60,7 +60,7 @@ def lacks(study: Document) -> str:
     told = "%s lacks a %s of %s" % (study["label"], FORCES[name], _size(channels[name]))
     followed = _followed(study["residuals"]["channels"], residuals.commands(study["model"]))
     if followed and CHANNELS[followed.channel] == name:
-        told += ", which follows %s%s" % (followed.command, followed.later)
+        told += ", which follows the command %s%s" % (followed.command, followed.later)
     return told
 
 
@@ -100,7 +100,7 @@ class _Followed(NamedTuple):
 
     @property
     def later(self) -> str:
-        return " %.0f ms later" % self.late if self.late >= 1 else ""
+        return " with a delay of %.0f ms" % self.late if self.late >= 1 else ""
 
 
 def _followed(channels: Document, commands: Mapping[str, str]) -> Optional[_Followed]:
@@ -124,7 +124,7 @@ def _followed_input(channels: Document, commands: Mapping[str, str]) -> Optional
     found = _followed(channels, commands)
     if found is None:
         return None
-    return "the motion %s reacts to %s%s in a way that the model lacks (correlation %.2f)" % (
+    return "the motion %s follows the command %s%s in a way that the model lacks (correlation %.2f)" % (
         PLACES[found.channel],
         found.command,
         found.later,

@@ -7,12 +7,18 @@ plotly.graph_objects.Figure takes as they are; tests check them so.
 
 import functools
 import itertools
+import math
 from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 from plotly import io
 
 from ground.reports.appearance import LINES, TEXT
 from ground.support.annotations import Document
+
+MARGIN = 50  # above the panels [pixels]
+ICONS = 30  # height of plotly's icons, which are at the top of a figure [pixels]
+# Of a legend, about: height of a row, width of an entry and of each letter, and of the narrowest one [pixels]
+ROW, ENTRY, LETTER, NARROWEST = 30, 45, 6.5, 860
 
 
 class Panels:
@@ -91,12 +97,18 @@ class Panels:
         title: str = "",
     ) -> Document:
         """The figure with its height [pixels], its caption and its title (in layout.meta), margins and
-        legend."""
+        legend, which is below the icons of plotly."""
+        entries = {trace["name"] for trace in self.data if trace.get("showlegend")}
+        if entries:
+            rows = math.ceil(sum(ENTRY + LETTER * len(name) for name in entries) / NARROWEST)
+            more = ICONS + ROW * (rows - 1)
+            height += more
+            margin = {**margin, "t": margin.get("t", MARGIN) + more}
         self.layout.update(
             template=_template(),
             height=height,
             meta={"caption": caption, "title": title},
-            margin={"t": 50, "b": 50, "l": 70, "r": 10, **margin},
+            margin={"t": MARGIN, "b": 50, "l": 70, "r": 10, **margin},
             legend={"orientation": "h", "y": legend_y, "yanchor": "bottom", "x": 0},
         )
         return {"data": self.data, "layout": self.layout}

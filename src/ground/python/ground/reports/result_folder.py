@@ -64,7 +64,7 @@ def read(folder: Path, name: str, schema: str) -> Document:
 
 @contextlib.contextmanager
 def replaced(folder: str, stale: Iterable[str], force: bool) -> Iterator[str]:
-    """Gives a temporary folder. When the block succeeds, its files become those of the folder, and stale
+    """Gives a temporary folder. When the block succeeds, its files become the folder's, and stale
     files that it has not written are removed; else all stays as it was. stale: patterns of their names."""
     try:
         new = tempfile.TemporaryDirectory(prefix=".ground-", dir=folder)

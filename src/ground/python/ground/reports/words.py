@@ -1,7 +1,6 @@
 """Numbers, lists and sentences as text."""
 
 import math
-import re
 from typing import List, Mapping, Optional
 
 from ground.support.annotations import Document
@@ -49,54 +48,6 @@ def millimetres(value: float) -> str:
 def two_digits(value: float) -> str:
     """At least two digits, and all before the point."""
     return "%.0f" % value if value >= 99.5 else "%.2g" % value
-
-
-# Effects that are a vector in the room: its components, its unit and what it says
-VECTORS = {
-    "floor_tilt": ("sx", "sy", "it descends by %s deg"),
-    "wind": ("wx", "wy", "it blows at %s m/s"),
-    "current": ("wx", "wy", "it flows at %s m/s"),
-}
-
-
-# Effects whose sign is a side: a parameter, and what it means where it is positive. %s: its size in percent
-SIDES = {
-    "thrust_asymmetry": ("a", "the left side pushes %s more and the right side pushes %s less"),
-    "thrust_misalignment": ("angle", "thrust points to the right"),
-    "yaw_bias": ("n0", "it turns the craft to the right"),
-    "com_offset": ("yg", "the centre of mass is to the right"),
-}
-OTHER = {"left": "right", "right": "left"}
-
-
-def direction(effect: str, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
-    """Size and direction of an effect that is a vector in the room, from its parameters and their standard
-    deviations: "it descends by 0.023 deg towards 135 deg (95%: 8 deg either way; 0: the room's x, 90: its
-    y)"; which side is meant by the sign of one in SIDES; empty for others."""
-    if effect in SIDES:
-        name, told = SIDES[effect]
-        if values[name] < 0:
-            told = re.sub("left|right", lambda side: OTHER[side.group()], told)
-        percent = two_digits(100 * abs(values[name])) + "%"
-        return told.replace("%s", percent) if abs(values[name]) > 1.96 * deviations[name] else ""
-    if effect not in VECTORS:
-        return ""
-    first, second, text = VECTORS[effect]
-    x, y = values[first], values[second]
-    size = math.hypot(x, y)
-    if not size > 0:
-        return ""
-    # across the vector, without the correlation of its components
-    across = math.hypot(y * deviations[first], x * deviations[second]) / size
-    either_way = math.degrees(1.96 * across / size)
-    shown = math.degrees(math.atan(size)) if effect == "floor_tilt" else size
-    told = text % two_digits(shown)
-    if not either_way < 90:
-        return told + " in a direction that these runs do not show"
-    angle = round(math.degrees(math.atan2(y, x))) or 0  # no "-0"
-    return "%s towards %d deg (95%%: %s deg either way; 0: the room's x, 90: its y)" % (
-        told, angle, two_digits(either_way),
-    )  # fmt: skip
 
 
 def after(found: Document) -> str:

@@ -26,11 +26,11 @@ FOLDERS: Dict[str, Callable[[str], Any]] = {
 def load(path: Path) -> Any:
     """What is in a file or folder that the package wrote.
 
-    path: the folder of a diagnosis, a comparison, a discovery or a history; a model file, also that of a fit
+    path: the folder of a diagnosis, a comparison, a discovery or a history; a model file, also of a fit
     or an addition (a Model, whose `fitted` says how it was fitted); a room file; the file of a Tracking;
     a recording. GroundError when it is none of these.
 
-    Numbers, sentences and models of a loaded result are those of the saved one. A loaded diagnosis or
+    Numbers, sentences and models of a loaded result equal the saved ones. A loaded diagnosis or
     comparison has no recordings: it does not draw runs, and is not saved again.
 
     >>> ground.load(model_file)["m"]
@@ -76,5 +76,5 @@ def _of_json(path: str) -> Any:
     except (OSError, ValueError, AttributeError) as error:
         raise GroundError("%s: not the file of a result (%s)" % (path, error))
     if schema != TRACKING:
-        raise GroundError("%s: not the file of a result; load the folder that it is in" % path)
+        raise GroundError("%s: not the file of a result; load its folder" % path)
     return Tracking.load(path)

@@ -56,7 +56,7 @@ def design_params(kind: str, model: Optional[_core.Model] = None, **options: Any
 
 
 def rows(kind: str, duration: float, model: Optional[_core.Model] = None, **options: Any) -> Array:
-    """Rows time [s], inputs of the thrusters of a design; arguments are those of `design`."""
+    """Rows time [s], inputs of the thrusters of a design; arguments as of `design`."""
     return design(kind, duration, model, **options).rows[:, :-1]
 
 
@@ -84,7 +84,7 @@ def disturbance_in_shares(
 ) -> _core.Disturbance:
     """A _core.Disturbance in shares of the craft's full thrust.
 
-    The unit of X and Y is full thrust, 2 k input_max; that of N is the moment of one thruster alone,
+    The unit of X and Y is full thrust, 2 k input_max; the unit of N is the moment of one thruster alone,
     k l input_max. share: standard deviation of a wrench whose correlation time is `time` [s]; trim:
     standard deviation, from run to run, of a constant wrench and of the factor on the thrust.
     """

@@ -106,7 +106,7 @@ class _Options(Acting, Mocap):
     )
     duration: Optional[float] = option(
         None,
-        "duration of the input [s] (%g, or that of the rows in FILE.csv)" % DURATION,
+        "duration of the input [s] (%g, or the duration of the rows in FILE.csv)" % DURATION,
         range=(0.1, experiments.LONGEST),
         metavar="S",
     )
@@ -209,7 +209,7 @@ def simulate(
     (n, 1 + channels), each held until the next, the last row ends it; without the lift's column, lift and
     lift_time say it. A DataFrame has columns t and the channels by name. OptionError when an option does
     not go with the input, GroundError when nothing can be recorded. Options, as keyword arguments or as
-    SimulateOptions; disturbance may be True for that of the model:
+    SimulateOptions; disturbance may be True for the model's:
 
     >>> run = ground.simulate(model_file, "prbs", duration=5, seed=3)
     >>> run
@@ -439,9 +439,9 @@ that it stays inside; a tracking controller stops before it would leave.
 Half a second of rest, then lift alone for --lift-time, then --duration of input, then half a second
 with everything off. A file with a column lift is played as it is. The same command line gives the
 same bag, bit by bit, except for the computing times of a controller (topic decision). The topics are
-those of record.launch; simulator/truth has the true motion.
+topics of record.launch; simulator/truth has the true motion.
 
-A disturbance in the model file acts only with --disturbance; without it, a line says so.
+A disturbance in the model file acts only with --disturbance; without it, a line reports this.
 """
 )
 
@@ -500,8 +500,8 @@ def _headline(arguments: argparse.Namespace, model: Model, run: SimulatedRun) ->
         yield "Distance", "%.3f m rms from the reference" % run.tracking_error
     yield "Recording", arguments.output
     if run.disturbance is None and not model.core.disturbance.empty():
-        text = "the disturbance of %s did not act: --disturbance applies it" % arguments.model
-        yield "Next", text
+        text = "simulate again with --disturbance, so that the disturbance of %s acts; or go on without it"
+        yield "Next", text % arguments.model
     else:
         yield (
             "Next",

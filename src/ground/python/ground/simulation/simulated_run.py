@@ -74,7 +74,7 @@ class SimulatedRun(Recording):
 
     @functools.cached_property
     def identity(self) -> str:
-        """See Recording; that of the bag which it saves."""
+        """See Recording; of the bag which it saves."""
         if self.digest:
             return self.digest
         with tempfile.TemporaryDirectory() as folder:
@@ -125,7 +125,7 @@ class SimulatedRun(Recording):
         topic. GroundError when it cannot be written, or exists and `force` is not set.
 
         The same run gives the same bytes, except for the computing times of a controller. Poses are in the
-        mocap's axes, of the rigid body. Header stamps are times of measurement, record times those of
+        mocap's axes, of the rigid body. Header stamps are times of measurement, record times are times of
         delivery. progress: called with a ground.support.progress.Report at each step."""
         counts: Dict[str, int] = {}
         work = Work.of(progress)
@@ -242,7 +242,7 @@ def _commands(run: SimulatedRun) -> Iterator[Message]:
 
 
 def _inputs(run: SimulatedRun, thrusters: Array, lift: float) -> Message:
-    """Message with inputs; those of a craft that lists its thrusters with the names of its channels."""
+    """Message with inputs; of a craft that lists its thrusters with the names of its channels."""
     if run.channels == CHANNELS:
         return _new("ground_msgs/Controls", left=thrusters[0], right=thrusters[1], lift=lift)
     return _new("ground_msgs/Controls", lift=lift, thrusters=thrusters, channels=list(run.channels))

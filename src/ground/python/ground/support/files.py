@@ -9,13 +9,14 @@ import os
 import shutil
 import sys
 import tempfile
-from typing import Any, Iterable, Iterator, Optional, Sequence, Set, Tuple
+from typing import Any, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
 
 import yaml
 
-from ground.support.errors import GroundError, reason
+from ground.support.errors import GroundError, did_you_mean, reason
 
 BAG_SPACE = 2e8  # free space with which a recording may begin; with half of it, it ends [bytes]
+KINDS = ("hovercraft", "craft")  # folders of cfg with models that come with ground
 _inputs: Set[Tuple[int, int]] = set()  # inside protect: files that must not be replaced, (device, inode)
 
 
@@ -51,11 +52,28 @@ def path_of(given: Any, what: str) -> str:
 
 
 def delivered(name: str) -> str:
-    """The path of the model file that comes with ground by a name, "tiny_whoover"; else what is given."""
-    roots = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
-    places = (os.path.join(root, "share/ground/cfg/*craft", glob.escape(name) + ".yaml") for root in roots)
-    found = [path for place in places for path in sorted(glob.glob(place))]
-    return name if os.path.lexists(name) or not found else found[0]
+    """The path of the model file that comes with ground by a name, "tiny_whoover"; else what is given.
+    GroundError, which lists the names that there are, for a name that is neither one of them nor a file."""
+    if os.path.lexists(name) or os.path.basename(name) != name or os.path.splitext(name)[1]:
+        return name
+    known = {os.path.splitext(os.path.basename(path))[0]: path for path in reversed(_delivered())}
+    if name not in known:
+        there = "; models that come with ground: " + ", ".join(sorted(known)) if known else ""
+        hint = did_you_mean(name, known)
+        raise GroundError("%s: neither a file nor a model that comes with ground%s%s" % (name, hint, there))
+    return known[name]
+
+
+def _delivered() -> List[str]:
+    """Paths of the model files that come with ground: in the workspace, or where pip put the wheel."""
+    package = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    beside = os.path.normpath(
+        os.path.join(package, *[os.pardir] * 4)
+    )  # of lib/python3.x/site-packages/ground
+    target = os.path.dirname(package)  # pip install --target
+    roots = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), beside, target, sys.prefix]
+    places = (os.path.join(root, "share/ground/cfg", kind, "*.yaml") for root in roots for kind in KINDS)
+    return [path for place in places for path in sorted(glob.glob(place))]
 
 
 def refuse_existing(path: str, force: bool) -> None:

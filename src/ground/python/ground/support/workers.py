@@ -35,9 +35,9 @@ class Workers:
             with self._pool() as pool:
                 yield from pool.map(work, items)
         except BrokenProcessPool:
-            raise GroundError("a process was ended from outside, perhaps for lack of memory")
+            raise GroundError("a worker process was killed, perhaps for lack of memory")
 
 
 def _end_quietly() -> None:
-    """Lets Ctrl-C end this process without a word; its parent says what there is to say."""
+    """Lets Ctrl-C end this process silently; its parent says what there is to say."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
