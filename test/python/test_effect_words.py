@@ -8,7 +8,7 @@ import pytest
 
 import ground
 from ground import _core
-from ground.analysis import candidates
+from ground.effect_library import candidates
 from ground.reports import effect_words
 from ground.reports.effect_words import Estimate, sentence
 

@@ -1,4 +1,4 @@
-"""Properties of small functions of ground.recordings and ground.analysis, each with plain numbers."""
+"""Properties of small functions of ground.poses and ground.analysis, each with plain numbers."""
 
 import numpy as np
 import pytest

@@ -18,15 +18,17 @@ std::string sentence(const Room& room, double full, const Upset& upset) {
   const int percent = static_cast<int>(std::lround(100 * upset.push));
   const int error = static_cast<int>(std::lround(100 * upset.thrust_error));
   if (speed > 0)
-    std::snprintf(text, sizeof text,
-                  "up to %.2f m/s with pushes of up to %d%% of full thrust, %.2f s without poses and a thrust "
-                  "that is wrong by %d%%",
-                  speed, percent, upset.blind, error);
+    std::snprintf(
+        text, sizeof text,
+        "up to %.2f m/s with pushes of up to %d%% of full thrust, %.2f s without poses and a thrust "
+        "that is wrong by %d%%",
+        speed, percent, upset.blind, error);
   else
-    std::snprintf(text, sizeof text,
-                  "at no speed for certain with pushes of up to %d%% of full thrust, %.2f s without poses and "
-                  "a thrust that is wrong by %d%%",
-                  percent, upset.blind, error);
+    std::snprintf(
+        text, sizeof text,
+        "at no speed for certain with pushes of up to %d%% of full thrust, %.2f s without poses and "
+        "a thrust that is wrong by %d%%",
+        percent, upset.blind, error);
   return text;
 }
 

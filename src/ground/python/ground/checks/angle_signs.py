@@ -1,4 +1,4 @@
-"""Which angles of rudders and turning thrusters are recorded with the wrong sign, judged by turns.
+"""Which angles of rudders and turning thrusters are recorded with the wrong sign.
 
 The moment of a model's commands is compared with that of commands whose angle is mirrored, by what they do
 while damping acts. Side forces do not decide: a ship that turns drifts outwards, whatever its rudder does.

@@ -259,8 +259,8 @@ def _away(motion: repair.Motion, pose: Array) -> Tuple[Flags, Flags]:
 
 
 def _silences(recording: Recording) -> List[Span]:
-    """Pauses of the commands of a publisher with a rate [s, clock of the stamps]: nobody knows what the craft
-    did in them. A publisher that sends on change has none."""
+    """Pauses of the commands of a publisher with a rate [s, clock of the stamps]: what the craft
+    did in them is not known. A publisher that sends on change has none."""
     times = recording.control_times
     steps = np.diff(times)
     usual = float(np.quantile(steps, 1 - ODD))

@@ -25,7 +25,7 @@ PLACEBOS = 9  # tried lags at which no motion follows
 # the share that commands of other times explain and at least the last one.
 FOLLOWS, CLEARLY, MIN_FOLLOWED = 0.1, 3.0, 0.02
 EXCLUDED = 3.0  # standard errors beyond which an effect is excluded
-SIDES = 2.0  # standard errors on both sides of a number that are told
+SIDES = 2.0  # standard errors on both sides of a number in a report
 AMBIGUOUS = 0.6  # noise of headings from which it is not known which way the craft turned [rad]
 POWER = 0.5  # least share of accelerations that is no noise, where it can be decided
 BLOCKS = 10  # blocks of time that errors are estimated from

@@ -82,7 +82,7 @@ def of(recording: Recording) -> List[Suspicion]:
 
 def about(recordings: Sequence[Recording], model: Optional[_core.Model]) -> List[Suspicion]:
     """The Suspicions of recordings of a craft; model: its model, if there is one. Those about channels and
-    headings that all recordings share are said once."""
+    headings that all recordings share are reported once."""
     every = [one for recording in recordings for one in of(recording)]
     if model is not None and _turns(model):
         return every + list(_angles(recordings, model))

@@ -122,7 +122,7 @@ def completed(
     }
 
 
-def _likelihood(diagnosis: Diagnosis) -> Document:
+def _likelihood(diagnosis: StepwiseDiagnosis) -> Document:
     """The log-likelihood of the grown model, and what information criteria need."""
     fit = diagnosis.fit
     return {

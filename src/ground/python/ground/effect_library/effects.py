@@ -118,7 +118,7 @@ class Effect(Shown):
         cls, X: str = "", Y: str = "", N: str = "", *, name: str = "formula", thrusters: Sequence[str] = ()
     ) -> "Effect":
         """An effect of formulas alone: names that are no variables become parameters that a fit finds, with
-        the units of what they multiply ("-" where that does not tell). thrusters: names of a craft's other
+        the units of what they multiply ("-" where that is not enough). thrusters: names of a craft's other
         than L, R. GroundError says what is no formula, or where units differ.
 
         >>> turn = ground.Effect.of_formulas(Y="a*abs(u)*v")

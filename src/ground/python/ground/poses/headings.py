@@ -9,7 +9,7 @@ from ground.support.annotations import Array
 
 FLIP_COST = (3.0, 0.5)  # minus log-likelihood of a change of mirroring, and of a mirrored heading
 AROUND = 6  # poses before and after a step of the heading that are compared
-LEAST_STEP = np.radians(20.0)  # least step between patterns of markers that look alike
+LEAST_STEP = np.radians(20.0)  # least step between patterns of markers that are confused
 BEYOND = 10.0  # least step [standard deviations of the headings around]
 EXPLAINED = 4.0  # least step [what the change of the rate explains]
 TOGETHER = 2.0 * AROUND  # longest time that poses on one side of a step last [usual intervals]
@@ -19,7 +19,8 @@ Steps = List[Tuple[float, float]]  # when [s], by how much [rad]
 
 def turned_back(times: Array, eta: Array, fastest: float) -> Tuple[Array, Steps, List[float]]:
     """Undoes steps of the heading that no craft makes: it turns as fast after the step as before it. Mocap
-    software whose markers look alike after a turn takes one pattern for another, at once or after a loss.
+    software whose markers have the same pattern after a turn takes one pattern for another, at once or after
+    a loss.
 
     eta (n, 3), x, y [m], unwrapped psi [rad], at ascending stamps (n,) [s]; fastest: largest yaw rate
     [rad/s]. Returns the headings as in the longest part between losses in which the craft may turn round; the

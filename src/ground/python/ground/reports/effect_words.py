@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 from typing import Callable, Dict, Mapping, NamedTuple, Sequence, Tuple, Union
 
-from ground.analysis import candidates
+from ground.effect_library import candidates
 from ground.reports.words import listed, two_digits
 
 

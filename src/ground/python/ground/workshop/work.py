@@ -84,7 +84,7 @@ def searched(
     tell: Tell,
     progress: Listener,
 ) -> Document:
-    """A Diagnosis; rows of the list are told of while it goes on."""
+    """A Diagnosis; it passes on rows of the list while it goes on."""
     predictions: Dict[str, Document] = {}
 
     def rows(tried: Sequence[Document]) -> List[Document]:
