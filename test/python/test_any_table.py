@@ -436,6 +436,14 @@ def test_stamps_of_any_form_are_drafted_and_read(kind, run, tmp_path):
     same(drafted(written(tmp_path, columns), tmp_path), run)
 
 
+def test_a_date_that_does_not_begin_with_the_year_needs_a_format(run, tmp_path):
+    form = "%d.%m.%Y %H:%M:%S.%f"
+    path = written(tmp_path, plain(run, t=texts(run, form)))
+    with pytest.raises(ground.GroundError, match="format: '%s'" % form):
+        mapped(path)
+    same(mapped(path, MAPPING.replace("field: t}", 'field: t, format: "%s"}' % form)), run)
+
+
 def test_times_of_day_pass_midnight(run, tmp_path):
     times = [(86399.0 + t - START) % 86400 for t in run.times]
     clock = ["%02d:%02d:%09.6f" % (t // 3600, t // 60 % 60, t % 60) for t in times]

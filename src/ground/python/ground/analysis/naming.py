@@ -90,7 +90,7 @@ def _chosen_features(regression: Regression) -> List[Term]:
 
 
 def _shortened(likelihood: Likelihood, fit: LikelihoodFit, made: Formula) -> Formula:
-    """A Formula of those of its pieces that earn their place."""
+    """A Formula of the pieces that earn their place."""
     while len(made.pieces) > 1:
         worth = [_worth(made.fit, piece) for piece in made.pieces]
         if min(worth) > MIN_RATIO:

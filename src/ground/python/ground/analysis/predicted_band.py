@@ -56,7 +56,7 @@ def half_width(parts: Sequence[FitWithout], level: float, course: Courses, run: 
 
 
 def beyond(parts: Sequence[FitWithout], predicted: Array) -> List[int]:
-    """Velocities u, v, r (0, 1, 2) that a prediction (n, 6) takes beyond those of the runs fitted to."""
+    """Indices of the velocities u, v, r of a prediction (n, 6) that exceed all velocities of the runs."""
     seen = np.vstack([np.array(run.nu) for part in parts for run in part.runs])
     size, most = np.abs(predicted[:, 3:]).max(axis=0), np.abs(seen).max(axis=0)
     return [int(i) for i in np.flatnonzero(size > FAR * most)]

@@ -159,7 +159,7 @@ def parts_of(runs: Sequence[_core.RunData], cut: Sequence[_core.Window], most: i
 
 
 def free_parameters(model: _core.Model) -> List[str]:
-    """The five nominal parameters and all those of a model's effects."""
+    """The five nominal parameters and all parameters of a model's effects."""
     return list(NOMINAL) + [name for name in described(model) if name.split(".")[0] in model.effects]
 
 

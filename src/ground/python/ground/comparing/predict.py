@@ -235,7 +235,7 @@ class Shape:
 
     @classmethod
     def of(cls, run: _core.RunData, seconds: float, model: _core.Model) -> "Shape":
-        """Those of some seconds, or whole stretches if seconds are infinite; GroundError without any."""
+        """Stretches of some seconds, or whole ones if seconds are infinite; GroundError without any."""
         if np.isfinite(seconds):
             return cls(run, *_tiles(run, seconds))
         return cls(run, *_stretches(run, horizons.horizon([run], model)))

@@ -100,7 +100,7 @@ def reading(
 
 
 def distinct(found: Sequence[Recording], others: Sequence[Recording] = ()) -> List[Recording]:
-    """Recordings with names that differ from each other and from those of others. GroundError when two
+    """Recordings with names that differ from each other and from the names of others. GroundError when two
     are the same run, by their contents."""
     first: Dict[str, Recording] = {}
     for one in found:

@@ -1,7 +1,7 @@
 """Which columns of a table are probably its time, for drafts of mappings."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Iterator, List, Mapping, Set, Tuple
 
 import numpy as np
@@ -48,6 +48,9 @@ def find(
             elif "digits" in str(error):
                 lost = "the stamps of %s have lost their last digits" % clock.field
                 continue
+        others = instants.formats(columns, clock, topic) if clock.format else []
+        if len(others) > 1 and not comment:
+            comment = "  # of the formats that fit: %s" % ", ".join(others)
         keys = [("field", clock.field), ("date", clock.date), ("nanoseconds", clock.nanoseconds)]
         named = ", ".join("%s: %s" % (key, quoted(value)) for key, value in keys if value)
         key = "{%s%s}%s" % (named, unit, comment)
@@ -86,9 +89,11 @@ def _clocks(
             yield Clock(field=name, unit=unit), ", unit: %s" % unit
         elif columns[name].dtype == object:
             dates = [n for n in names if _is_date(n) and n != name]
-            if dates and not re.search(r"\d[-/.]\d+[-/.]\d", str(next(filter(None, columns[name]), ""))):
-                yield Clock(field=name, date=dates[0]), ""
-            yield Clock(field=name), ""
+            alone = not dates or re.search(r"\d[-/.]\d+[-/.]\d", str(next(filter(None, columns[name]), "")))
+            for clock in (Clock(field=name, date="" if alone else dates[0]), Clock(field=name)):
+                yield clock, ""
+                for form in instants.formats(columns, clock, name):
+                    yield replace(clock, format=form), ', format: "%s"' % form
     for name in _rising(numbers):
         if not set(words.split(name)) & (words.FRAMES | words.MOTION) and not words.axis(name)[0]:
             unit = _time_unit(name, "", numbers[name])

@@ -137,7 +137,7 @@ def parameters_of(model: _core.Model, effect: str) -> List[ParameterInfo]:
 
 
 def seen_alone(model: _core.Model, effect: str) -> List[ParameterInfo]:
-    """Those of an effect's parameters that do something where the effect's others are neutral."""
+    """The parameters of an effect that do something where the effect's others are neutral."""
     return [p for p in parameters_of(model, effect) if not p.shape]
 
 

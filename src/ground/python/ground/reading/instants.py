@@ -1,6 +1,6 @@
 """Stamps of tables: numbers of any unit, dates and times as text, numbers of frames."""
 
-import datetime
+import itertools
 import re
 from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple, Union
 
@@ -21,16 +21,19 @@ RESTART = 5 * 10**8  # a clock that goes back by more starts anew [ns]
 MANY_LOST = 3  # rows for each stamp from which the stamps have lost digits
 UNPADDED = "unpadded"
 CALENDARS = {(3e4, 8e4): 25569, (7e5, 8e5): 719529}  # days of Excel and of Matlab: that of 1970
-DATE = (
-    r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{8}|\d{1,2}[- ][A-Za-z]{3,9}[- ,]+\d{2,4}"
-    r"|\d{4}[- ][A-Za-z]{3,9}[- ]\d{1,2}"
+# Times as text that need no format: the year first, or no date
+FORM = re.compile(
+    r"\s*(?:(?P<y>\d{4})([-/.]?)(?P<mo>\d\d?)\2(?P<d>\d\d?)(?:\s*T|[\s,_-]+|$))?"
+    r"(?:(?P<h>\d\d?):(?P<m>\d\d?)(?::(?P<s>\d\d?)(?:[.,](?P<f>\d+))?)?)?"
+    r"\s*(?P<zone>Z|UTC|GMT|[-+]\d\d:?\d\d|[-+]\d\d)?\s*"
 )
-TIME = (
-    r"(?P<h>\d{1,2})[:.hH](?P<m>\d{1,2})(?:[:.](?P<s>\d{1,2})(?:[.,:](?P<f>\d+))?)?"
-    r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|GMT|[-+]\d\d:?\d\d|[-+]\d\d)?(?:\[[\w/]+\])?"
-)
-FORM = re.compile(r"\s*(?:(?P<date>%s)(?:\s*T|[\s,_-]+|$))?(?:%s)?\s*" % (DATE, TIME))
-MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec".split()
+DATES = (
+    "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%m-%d-%Y", "%d-%b-%Y", "%d %b %Y", "%d %B %Y",
+    "%Y-%b-%d", "%Y %b %d", "%d.%m.%y", "%d/%m/%y", "%m/%d/%y",
+)  # fmt: skip
+CLOCKS = ("%H:%M:%S.%f", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p")
+FRACTION = re.compile(r"(:\d\d)[.,](\d{1,9})")
+SAMPLE = 200  # texts that show their format
 
 
 def read(columns: Columns, clock: Clock, where: str, notes: List[str]) -> Tuple[Indices, Flags]:
@@ -160,67 +163,116 @@ def _unpadded(texts: Column, where: str) -> Tuple[Indices, Flags]:
     return whole * 10**9 + rest, known
 
 
-def _of_texts(
-    columns: Columns, texts: Column, clock: Clock, where: str, notes: List[str]
-) -> Tuple[Indices, Flags]:
-    """Stamps by texts of date and time, whose date may stand in another column."""
+def formats(columns: Columns, clock: Clock, where: str) -> List[str]:
+    """The formats of times as text that all of a sample fit."""
+    import pandas
+
+    given = containers.column(columns, clock.field)
+    texts = _joined(columns, given, clock, where)
+    texts = texts[texts != ""]
+    sample = texts.iloc[:: 1 + len(texts) // SAMPLE].str.replace(FRACTION, r"\1", regex=True)
+    return [
+        "%s %s" % (date, time)
+        for date, time in itertools.product(DATES if len(sample) else (), CLOCKS)
+        if pandas.to_datetime(
+            sample, format="%s %s" % (date, time.replace(".%f", "")), errors="coerce"
+        ).notna().all()
+    ]  # fmt: skip
+
+
+def _joined(columns: Columns, texts: Column, clock: Clock, where: str) -> "pandas.Series":
+    """Texts of times, with the dates that stand in another column."""
     import pandas
 
     series = pandas.Series(texts, dtype=object).where(lambda one: one.notna(), "").astype(str).str.strip()
-    if clock.date:
-        dates = containers.column(columns, clock.date)
-        if dates is None:
-            raise containers.no_field(columns, [clock.date], where)
-        if dates.dtype.kind in "biuf":  # 20231114
-            dates = _written(columns, clock.date)
-        known_dates = pandas.Series(dates, dtype=object).ffill().fillna("").astype(str).str.strip()
-        series = (known_dates + " " + series).where(series != "", "")
+    if not clock.date:
+        return series
+    dates = containers.column(columns, clock.date)
+    if dates is None:
+        raise containers.no_field(columns, [clock.date], where)
+    if dates.dtype.kind in "biuf":  # 20231114
+        dates = _written(columns, clock.date)
+    known = pandas.Series(dates, dtype=object).ffill().fillna("").astype(str).str.strip()
+    return (known + " " + series).where(series != "", "")
+
+
+def _of_texts(
+    columns: Columns, texts: Column, clock: Clock, where: str, notes: List[str]
+) -> Tuple[Indices, Flags]:
+    """Stamps by texts of date and time."""
+    series = _joined(columns, texts, clock, where)
     known = (series != "").to_numpy()
     if clock.format:
-        found = pandas.to_datetime(series.where(known), format=clock.format, errors="coerce", utc=True)
-        known &= found.notna().to_numpy()
-        if not known.any():
-            raise GroundError(
-                "%s: no time fits the format '%s'; the first is '%s'" % (where, clock.format, series[0])
-            )
-        return found.dt.tz_localize(None).fillna(pandas.Timestamp(0)).to_numpy("datetime64[ns]").astype(
-            np.int64
-        ), known
+        return _of_format(series, known, clock, where)
     parts = series.str.extract(FORM)
     good = (parts["h"].notna() & series.str.fullmatch(FORM.pattern)).to_numpy()
     bad = known & ~good
     if known.any() and bad.mean() > 0.01 * known.mean():
+        likely = formats(columns, clock, where)
         raise GroundError(
             "%s: column %s has no numbers and no times that are known, such as '%s'; write time: {field: %s, "
-            "format: '%%Y-%%m-%%d %%H:%%M:%%S.%%f'} with the codes of strptime in the mapping"
-            % (where, clock.field, series[np.argmax(bad)], clock.field)
-        )
+            "format: '%s'} with the codes of strptime in the mapping"
+            % (
+                where, clock.field, series[np.argmax(bad)], clock.field,
+                "' or '".join(likely) or "%Y-%m-%d %H:%M:%S.%f",
+            )
+        )  # fmt: skip
     if bad.any():
         notes.append(
             "times that cannot be read are left out (%d, the first is '%s')"
             % (bad.sum(), series[np.argmax(bad)])
         )
     parts = parts[good]
+    hours, minutes, seconds = (parts[n].fillna("0").astype(np.int64).to_numpy() for n in "hms")
+    of_day = ((hours * 60 + minutes) * 60 + seconds) * 10**9 + _nanoseconds(parts["f"], clock)
+    zones = parts["zone"].fillna("Z")
+    offsets = zones.map({zone: _offset(zone) for zone in zones.unique()})
+    times = np.asarray(of_day - offsets.astype(np.int64).to_numpy(), np.int64)
     total = np.zeros(len(series), np.int64)
-    total[good] = _of_day(parts, clock.stamps == UNPADDED)
-    if parts["date"].notna().any():
-        total[good] += _days(parts["date"].ffill().bfill(), notes) * DAY
+    if parts["y"].notna().any():
+        days = [parts[n].ffill().bfill() for n in ("y", "mo", "d")]
+        total[good] = times + _of_dates(days, where) * DAY
     else:
-        total[good] = _past_midnight(total[good], notes)
+        total[good] = _past_midnight(times, notes)
     return total, good
 
 
-def _of_day(parts: "pandas.DataFrame", unpadded: bool) -> Indices:
-    """Times since midnight, UTC where a zone is given [ns]."""
-    hours, minutes, seconds = (parts[n].fillna("0").astype(np.int64).to_numpy() for n in "hms")
-    half = parts["half"].fillna("").str.upper().str[:1].to_numpy()
-    hours = np.where(half == "P", hours % 12 + 12, np.where(half == "A", hours % 12, hours))
-    digits = parts["f"].fillna("0").str[:9]
-    digits = digits.str.zfill(9) if unpadded else digits.str.ljust(9, "0")
-    total = ((hours * 60 + minutes) * 60 + seconds) * 10**9 + digits.astype(np.int64).to_numpy()
-    zones = parts["zone"].fillna("Z")
-    offsets = {zone: _offset(zone) for zone in zones.unique()}
-    return np.asarray(total - zones.map(offsets).astype(np.int64).to_numpy(), np.int64)
+def _of_format(series: "pandas.Series", known: Flags, clock: Clock, where: str) -> Tuple[Indices, Flags]:
+    """Stamps by the format of a mapping. Fractions of seconds after a colon may have any number of digits."""
+    import pandas
+
+    rest: Indices = np.zeros(len(series), np.int64)
+    form = clock.format
+    if ":%S.%f" in form:
+        rest = _nanoseconds(series.str.extract(FRACTION)[1], clock)
+        form = form.replace(".%f", "")
+        series = series.str.replace(FRACTION, r"\1", regex=True)
+    found = pandas.to_datetime(series.where(known), format=form, errors="coerce", utc=True)
+    known = known & found.notna().to_numpy()
+    if not known.any():
+        raise GroundError(
+            "%s: no time fits the format '%s'; the first is '%s'" % (where, clock.format, series[0])
+        )
+    whole = found.dt.tz_localize(None).fillna(pandas.Timestamp(0)).to_numpy("datetime64[ns]")
+    return whole.astype(np.int64) + rest, known
+
+
+def _nanoseconds(digits: "pandas.Series", clock: Clock) -> Indices:
+    """Fractions of seconds in digits [ns]."""
+    there = digits.fillna("0").str[:9]
+    there = there.str.zfill(9) if clock.stamps == UNPADDED else there.str.ljust(9, "0")
+    return np.asarray(there.astype(np.int64).to_numpy())
+
+
+def _of_dates(parts: Sequence["pandas.Series"], where: str) -> Indices:
+    """Days since 1970 of dates in parts: year, month, day."""
+    try:
+        dates = ["%s-%s-%s" % (y, m.zfill(2), d.zfill(2)) for y, m, d in zip(*parts)]
+        return np.array(dates, "datetime64[D]").astype(np.int64)
+    except ValueError as error:
+        raise GroundError(
+            "%s: a date is not known (%s); name the format in the mapping's time" % (where, error)
+        )
 
 
 def _offset(zone: str) -> int:
@@ -238,46 +290,6 @@ def _past_midnight(times: Indices, notes: List[str]) -> Indices:
     if passed.any():
         notes.append("the times of day pass midnight (%d)" % passed.sum())
     return np.asarray(times + np.cumsum(passed) * DAY, np.int64)
-
-
-def _days(dates: "pandas.Series", notes: List[str]) -> Indices:
-    """Days since 1970 of dates."""
-    every = [str(one) for one in dates.unique()]
-    orders: Sequence[str] = ("ymd",)
-    plain = [re.findall(r"\d+|[A-Za-z]+", one) for one in every]
-    if all(len(one) == 3 and len(one[0]) < 4 and not one[1].isalpha() for one in plain):
-        orders = ("dmy",) if any("." in one for one in every) else ("dmy", "mdy")
-    tried = [(order, [_day(one, order) for one in plain]) for order in orders]
-    valid = [(order, days) for order, days in tried if None not in days]
-    if not valid:
-        raise GroundError("the date %s is not known; name the format in the mapping's time" % every[0])
-    order, days = min(valid, key=lambda item: max(item[1]) - min(item[1]))  # type: ignore[type-var,operator]
-    if len(valid) > 1 and valid[0][1] != valid[1][1]:
-        notes.append(
-            "the date %s is taken for day/month/year or month/day/year: %s" % (every[0], "/".join(order))
-        )
-    by_date = dict(zip(every, days))
-    return np.asarray(dates.map(by_date), np.int64)
-
-
-def _day(parts: Sequence[str], order: str) -> Optional[int]:
-    """Days since 1970 of a date in parts; None where it is none in this order."""
-    if len(parts) == 1:  # 20231114
-        parts = parts[0][:4], parts[0][4:6], parts[0][6:]
-    if len(parts) != 3:
-        return None
-    named = [part for part in parts if part.isalpha()]
-    if named:  # 14 Nov 2023, 2023-Nov-14
-        order = "ymd" if len(parts[0]) == 4 else "dmy"
-    one = dict(zip(order, parts))
-    month = one["m"]
-    number = MONTHS.index(month[:3].lower()) + 1 if month[:3].lower() in MONTHS else None
-    try:
-        year = int(one["y"]) + (2000 if int(one["y"]) < 100 else 0)
-        date = datetime.date(year, number or int(month), int(one["d"]))
-    except ValueError:
-        return None
-    return date.toordinal() - datetime.date(1970, 1, 1).toordinal()
 
 
 def _check_padding(stamps: Indices, texts: Column, where: str) -> None:

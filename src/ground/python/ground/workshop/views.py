@@ -61,7 +61,7 @@ def missing(ready: ground.Predictor, model: ground.Model, run: str, start: float
 
 
 def _commands(frame: Any) -> List[str]:
-    """Columns of the thrusters' commands: behind those of the motion, before that of the lift."""
+    """Columns of the thrusters' commands: behind the columns of the motion, before the lift's."""
     names = [name for name in frame if not re.fullmatch("[XYN](_sigma)?", name)]
     return names[1 + len(MOTION) : -1]
 
