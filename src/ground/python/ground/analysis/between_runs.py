@@ -59,9 +59,9 @@ def _told(own: Sequence[Tuple[Array, Array]], j: int) -> Tuple[Array, Array]:
 def _newton(
     alone: Likelihood, fit: LikelihoodFit, scores: Dict[str, Array], weak: Array
 ) -> List[Tuple[Array, Array]]:
-    """Coordinates of a run's own values relative to the coordinates of a fit, and their variances, infinite where the
-    run does not identify a parameter, after each of four Newton steps. alone: of the run; scores: at the
-    common values; weak: information added to that of the run."""
+    """Coordinates of a run's own values relative to the coordinates of a fit, and their variances, infinite
+    where the run does not identify a parameter, after each of four Newton steps. alone: of the run; scores:
+    at the common values; weak: information added to the run's own."""
     scale, at, found = scores["scale"], np.zeros(len(weak)), []
     while True:
         covariance = solve(scores["information"] + weak, np.eye(len(weak)))
