@@ -51,9 +51,11 @@ def path_of(given: Any, what: str) -> str:
 
 
 def delivered(name: str) -> str:
-    """The path of the model file that comes with ground by a name, "tiny_whoover"; else what is given."""
+    """The path of the model file that comes with ground by a name, "tiny_whoover" or "tiny_whoover.yaml";
+    else what is given."""
     roots = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
-    places = (os.path.join(root, "share/ground/cfg/*craft", glob.escape(name) + ".yaml") for root in roots)
+    title = glob.escape(name[: -len(".yaml")] if name.endswith(".yaml") else name)
+    places = (os.path.join(root, "share/ground/cfg/*craft", title + ".yaml") for root in roots)
     found = [path for place in places for path in sorted(glob.glob(place))]
     return name if os.path.lexists(name) or not found else found[0]
 
