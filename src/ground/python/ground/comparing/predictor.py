@@ -30,7 +30,7 @@ SIGMA = "_sigma"  # end of the name of a column
 
 
 @dataclass(frozen=True)
-class Motion:
+class PredictedMotion:
     """What is measured of a run, and predicted from start after start; rows as a Prediction has them."""
 
     times: Array  #: (n,) on the run's clock [s]
@@ -84,7 +84,7 @@ class Predictor:
             )
         return PoseError.of(errors)
 
-    def motion(self, model: Model, run: str, start: float = 0.0, end: float = np.inf) -> Motion:
+    def motion(self, model: Model, run: str, start: float = 0.0, end: float = np.inf) -> PredictedMotion:
         """What is measured and predicted of a part of a run, on the run's clock [s]."""
         key = self._index(run), float(start), float(end)
         if key not in self._shapes:
@@ -92,7 +92,7 @@ class Predictor:
                 self._shapes.clear()
             self._shapes[key] = Shape.of(self._part(run, start, end), self.horizon, self.model.core)
         shape = self._shapes[key]
-        return Motion(shape.times, shape.start, shape.measured, shape.predicted(model.core))
+        return PredictedMotion(shape.times, shape.start, shape.measured, shape.predicted(model.core))
 
     def measured(self, run: str = "", start: float = 0.0, end: float = np.inf) -> "pandas.DataFrame":
         """What is measured of a part of a run (of the first by default), on the run's clock [s]: columns as

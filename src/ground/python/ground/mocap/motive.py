@@ -32,7 +32,7 @@ class Motive:
     def __init__(self, host: str, command_port: int = natnet.COMMAND_PORT) -> None:
         """command_port: of the server. GroundError when there is no way to the host."""
         self.host = host
-        self.server: Optional[natnet.Server] = None
+        self.server: Optional[natnet.MotiveServer] = None
         self.names: Dict[int, str] = {}
         self._version = natnet.NEWEST
         self._problem = ""  # why frames that come cannot be used
@@ -155,7 +155,7 @@ class Motive:
                 poses[name] = measured
         return Frame(received, poses, frame.number, frame.time, frame.delay)
 
-    def _listen(self, server: natnet.Server) -> None:
+    def _listen(self, server: natnet.MotiveServer) -> None:
         """Listens where the server sends frames: to its multicast group; with none, to its port of data at
         this computer, or to the socket of the commands."""
         if self._data:

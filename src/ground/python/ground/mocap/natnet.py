@@ -46,7 +46,7 @@ class NatNetFrame:
 
 
 @dataclass(frozen=True)
-class Server:
+class MotiveServer:
     """What the server says of itself."""
 
     name: str  #: of the program, with its version
@@ -80,8 +80,8 @@ def opened(data: bytes) -> Tuple[int, bytes]:
     return int(message), data[4 : 4 + length]
 
 
-def server(payload: bytes) -> Server:
-    """The Server in a payload."""
+def server(payload: bytes) -> MotiveServer:
+    """The MotiveServer in a payload."""
     reader = _Reader(payload)
     name = reader.take("256s")[0].split(b"\0")[0].decode("utf-8", "replace")
     release = "%d.%d.%d" % reader.take("4B")[:3]
@@ -90,7 +90,7 @@ def server(payload: bytes) -> Server:
     if (major, minor) >= (3, 0) and reader.left >= 15:
         ticks, port, is_multicast, *address = reader.take("<QHB4B")
         group = ".".join(map(str, address)) if is_multicast else ""
-    return Server("%s %s" % (name, release), (int(major), int(minor)), int(port), group, int(ticks))
+    return MotiveServer("%s %s" % (name, release), (int(major), int(minor)), int(port), group, int(ticks))
 
 
 def streamed_version(payload: bytes) -> Optional[Version]:

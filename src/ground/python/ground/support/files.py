@@ -52,8 +52,10 @@ def path_of(given: Any, what: str) -> str:
 
 
 def delivered(name: str) -> str:
-    """The path of the model file that comes with ground by a name, "tiny_whoover" or
-    "tiny_whoover.yaml"; else what is given. GroundError, which lists the names that there are, for a name that is neither one of them nor a file."""
+    """The path of the model file that comes with ground by a name, "tiny_whoover" or "tiny_whoover.yaml";
+    else what is given.
+
+    GroundError, which lists the names that there are, for a name that is neither one of them nor a file."""
     if os.path.lexists(name) or os.path.basename(name) != name:
         return name
     known = {os.path.splitext(os.path.basename(path))[0]: path for path in reversed(_delivered())}

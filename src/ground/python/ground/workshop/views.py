@@ -5,7 +5,7 @@ from typing import Any, List, Optional, Sequence
 
 import numpy as np
 
-import ground
+from ground import Model, Predictor
 from ground.support.annotations import Document, Indices
 
 MOST_POINTS = 1000  # of a curve
@@ -14,7 +14,7 @@ MOST_COMMANDS = 4  # that the missing wrench is drawn against
 MOTION = ("x", "y", "psi", "u", "v", "r")
 
 
-def curves(ready: ground.Predictor, model: ground.Model, run: str, start: float, end: float) -> Document:
+def curves(ready: Predictor, model: Model, run: str, start: float, end: float) -> Document:
     """What a model predicts of a part of a run: t, x ... r, and None between starts."""
     made = ready.motion(model, run, start, min(end, start + MOST_SECONDS))
     jumps = np.flatnonzero(np.diff(made.start)) + 1
@@ -24,7 +24,7 @@ def curves(ready: ground.Predictor, model: ground.Model, run: str, start: float,
     return {name: _listed(values) for name, values in zip(("t", *MOTION), columns.T)}
 
 
-def measured(ready: ground.Predictor, run: str, start: float, end: float) -> Document:
+def measured(ready: Predictor, run: str, start: float, end: float) -> Document:
     """What was measured in a part of a run, and the commands."""
     frame = ready.measured(run, start, end)
     frame = frame.iloc[_thinned(len(frame))]
@@ -34,7 +34,7 @@ def measured(ready: ground.Predictor, run: str, start: float, end: float) -> Doc
     }
 
 
-def missing(ready: ground.Predictor, model: ground.Model, run: str, start: float, end: float) -> Document:
+def missing(ready: Predictor, model: Model, run: str, start: float, end: float) -> Document:
     """The missing force and moment along a part of a run, with what it may depend on."""
     whole = ready.missing(model, run, start, min(end, start + MOST_SECONDS))
     frame, channels = whole.iloc[_thinned(len(whole))], []

@@ -5,7 +5,7 @@ import re
 from dataclasses import asdict
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
-import ground
+from ground import Addition, Fit, Model, Recording, Room, add, compare, diagnose, fit, simulate
 from ground.support.annotations import Document
 from ground.support.jobs import Tell
 from ground.support.progress import Listener, Report
@@ -14,14 +14,14 @@ Cuts = Dict[str, List[Tuple[float, float]]]  # by run, spans that are left out [
 ROW = ("effect", "meaning", "size", "certain", "selected", "seen")  # what the page shows of an effect
 
 
-def parts(recordings: Sequence[ground.Recording], names: Sequence[str], cuts: Cuts) -> List[ground.Recording]:
+def parts(recordings: Sequence[Recording], names: Sequence[str], cuts: Cuts) -> List[Recording]:
     """The recordings of some names, without the spans that are left out."""
     return [
         run.without(*cuts[run.name]) if cuts.get(run.name) else run for run in recordings if run.name in names
     ]
 
 
-def worker(recordings: Sequence[ground.Recording], room: Optional[ground.Room]) -> Callable[..., None]:
+def worker(recordings: Sequence[Recording], room: Optional[Room]) -> Callable[..., None]:
     """The function that does jobs on recordings: fit, add, try, search, page."""
 
     def work(kind: str, arguments: Tuple[Any, ...], tell: Tell) -> None:
@@ -29,11 +29,11 @@ def worker(recordings: Sequence[ground.Recording], room: Optional[ground.Room]) 
             tell("progress", asdict(report))
 
         text, names, cuts, more = arguments
-        model, runs = ground.Model.parse(text), parts(recordings, names, cuts)
+        model, runs = Model.parse(text), parts(recordings, names, cuts)
         if kind == "fit":
-            tell("done", fitted(ground.fit(model, runs, free=model.free, progress=progress)))
+            tell("done", fitted(fit(model, runs, free=model.free, progress=progress)))
         elif kind in ("add", "try"):
-            tell("done", added(ground.add(model, more, runs, progress=progress)))
+            tell("done", added(add(model, more, runs, progress=progress)))
         elif kind == "page":
             tell("done", saved(model, runs, **more))
         else:
@@ -44,22 +44,20 @@ def worker(recordings: Sequence[ground.Recording], room: Optional[ground.Room]) 
     return work
 
 
-def saved(
-    model: ground.Model, runs: Sequence[ground.Recording], folder: str, given: str, files: List[str]
-) -> Document:
+def saved(model: Model, runs: Sequence[Recording], folder: str, given: str, files: List[str]) -> Document:
     """The page that compares a model with the given one, beside other files."""
-    first = ground.Model.parse(given)
+    first = Model.parse(given)
     models = {"given": first} if model == first else {"given": first, "model": model}
-    place = ground.compare(models, runs).save(os.path.join(folder, "page"), force=True)
+    place = compare(models, runs).save(os.path.join(folder, "page"), force=True)
     return {"folder": folder, "files": [*files, os.path.relpath(place, folder)]}
 
 
-def fitted(found: ground.Fit) -> Document:
+def fitted(found: Fit) -> Document:
     """A Fit."""
     return {**_refitted(found, "given", "fitted"), "remarks": found.remarks}
 
 
-def added(found: ground.Addition) -> Document:
+def added(found: Addition) -> Document:
     """An Addition."""
     verdict = {"helps": found.verdict.helps, "reason": found.verdict.reason}
     return {**_refitted(found, "without", "with"), "effect": found.effect, **verdict}
@@ -78,9 +76,9 @@ def _refitted(found: Any, before: str, after: str) -> Document:
 
 
 def searched(
-    model: ground.Model,
-    runs: Sequence[ground.Recording],
-    room: Optional[ground.Room],
+    model: Model,
+    runs: Sequence[Recording],
+    room: Optional[Room],
     tell: Tell,
     progress: Listener,
 ) -> Document:
@@ -98,12 +96,10 @@ def searched(
             for row in tried
         ]
 
-    found = ground.diagnose(
-        model, runs, tried=lambda tried: tell("rows", rows(tried)), progress=progress, room=room
-    )
+    found = diagnose(model, runs, tried=lambda tried: tell("rows", rows(tried)), progress=progress, room=room)
     planned = found.report["next_experiment"]
     if planned:  # where the improved model goes, open loop
-        flown = ground.simulate(found.improved, inputs=found.next_inputs).to_frame().iloc[::5]
+        flown = simulate(found.improved, inputs=found.next_inputs).to_frame().iloc[::5]
         planned = {**planned, "path": {name: flown[name].round(4).tolist() for name in ("x", "y")}}
     return {
         "rows": rows(found.tried),
