@@ -250,7 +250,7 @@ def killed(_):
 
 def test_a_process_that_is_killed_at_work_is_told():
     with pytest.raises(GroundError, match="worker process was killed"):
-        list(workers.Workers(processes=True).map(killed, [1]))
+        list(workers.Workers(processes=True).map(killed, [bytes(10**7)] * 12))  # more than pipes hold
 
 
 def test_programs_fail_in_one_line(monkeypatch, capsys, tmp_path):
