@@ -76,7 +76,7 @@ class Folds:
 
     def _without(self, fold: int, fit: LikelihoodFit) -> LikelihoodFit:
         """A LikelihoodFit refitted without a fold. The noise of each run is found anew; where the motion is
-        not finite without it, the search starts from that of the Fit."""
+        not finite without it, the search starts from the noise of the Fit."""
         own = fit.loudness * (self.count - 1)
         if len(self.runs) > 1:
             own = tuple(noise for run, noise in enumerate(fit.loudness) if run % self.count != fold)
