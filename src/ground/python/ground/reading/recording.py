@@ -136,9 +136,9 @@ class Recording(Plotted):
 
     @staticmethod
     def from_frame(frame: "pandas.DataFrame", name: str = "recording") -> "Recording":
-        """A recording of a table as `to_frame` gives it: columns t, x, y, psi and one for each channel, that
-        of the lift last; a row for each pose. Velocities are not taken: they are smoothed from the poses.
-        Rows without a command (NaN) have none. GroundError when a column is missing."""
+        """A recording of a table as `to_frame` gives it: columns t, x, y, psi and a column for each
+        channel, the lift last; a row for each pose. Velocities are not taken: they are smoothed from the
+        poses. Rows without a command (NaN) have none. GroundError when a column is missing."""
         missing = [column for column in ("t", *POSE) if column not in frame]
         if missing:
             raise GroundError("%s: the table has no column %s" % (name, ", ".join(missing)))
