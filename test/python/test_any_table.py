@@ -565,7 +565,7 @@ def test_a_format_is_given_where_it_cannot_be_guessed(run, tmp_path):
 def test_coordinates_of_maps_count_from_the_first_pose(run, tmp_path):
     columns = plain(run, x=7034000 + run.x, y=569000 + run.y)
     path = written(tmp_path, columns)
-    with pytest.warns(ground.GroundWarning, match="far from the origin.* are subtracted"):
+    with pytest.warns(ground.GroundWarning, match="far from the origin.* is subtracted"):
         same(mapped(path), run, places=1e-4)
     names = {"t": run.times, "easting": columns["y"], "northing": columns["x"], "heading": run.psi}
     path = written(tmp_path, {**names, "left": run.left, "right": run.right, "lift": run.lift})

@@ -35,7 +35,7 @@ def test_a_user_records_sensors_and_is_told_what_they_add(tmp_path):
     told = identify("info", bag)
     assert told.returncode == 0, told.stderr
     line = next(line for line in told.stdout.splitlines() if line.split()[:1] == ["sensors"])
-    assert "gyro 100 Hz" in line and "that of two poses" in line and "accelerometer" in line
+    assert "gyro 100 Hz" in line and "from two poses" in line and "accelerometer" in line
     described = json.loads(identify("info", bag, "--json").stdout)
     assert described[0]["inertial"]["source"].startswith("/sender/telemetry")
 

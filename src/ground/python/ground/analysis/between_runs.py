@@ -96,8 +96,8 @@ def mean_of(steps: Array, variances: Array) -> Tuple[float, float, float]:
 
 
 def _widened(p: Document, known: ParameterInfo, steps: Array, variances: Array, differ: bool) -> Document:
-    """A parameter. steps, variances: of its coordinate, of each run that tells it; differ: whether these are
-    said to differ."""
+    """A parameter. steps, variances: of its coordinate, of each run from which it is identifiable; differ:
+    whether the runs are reported to differ."""
     if len(steps) < 2:
         return p
     mean, half, between = mean_of(steps, variances)

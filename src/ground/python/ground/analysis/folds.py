@@ -76,7 +76,7 @@ class Folds:
 
     def _without(self, fold: int, fit: LikelihoodFit) -> LikelihoodFit:
         """A LikelihoodFit refitted without a fold. The noise of each run is found anew; where the motion is
-        not finite without it, the search starts from that of the Fit."""
+        not finite without it, the search starts from the noise of the Fit."""
         own = fit.loudness * (self.count - 1)
         if len(self.runs) > 1:
             own = tuple(noise for run, noise in enumerate(fit.loudness) if run % self.count != fold)
@@ -151,10 +151,10 @@ def judged_windows(
 
 
 def _blocks_of(likelihood: Likelihood, fit: LikelihoodFit) -> List[Array]:
-    """Log-likelihood of the blocks of each run by a LikelihoodFit to others. Noise and disturbance are those
-    of these runs themselves: what is judged is the motion, and a model that leaves less to the
-    disturbance would otherwise be too sure of runs that differ from those it was fitted to. -inf for all
-    blocks of a run together where the motion is not finite."""
+    """Log-likelihood of the blocks of each run by a LikelihoodFit to others. Noise and disturbance are fitted
+    to these runs themselves, because the motion is evaluated. A model with a small disturbance would
+    otherwise be too sure of runs that differ from the fitted ones. -inf for all blocks of a run together
+    where the motion is not finite."""
     try:
         own = likelihood.fit(fit.model, [], near=replace(fit, loudness=()))
         return likelihood.blocks(own, own.loudness)

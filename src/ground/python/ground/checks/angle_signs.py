@@ -1,7 +1,8 @@
 """Which angles of rudders and turning thrusters are recorded with the wrong sign.
 
-The moment of a model's commands is compared with that of commands whose angle is mirrored, by what they do
-while damping acts. Side forces do not decide: a ship that turns drifts outwards, whatever its rudder does.
+Commands with the recorded angle and commands with the mirrored angle give two moments. The check compares
+how well each moment explains the turns while damping acts. Side forces do not decide: a ship that turns
+drifts outwards, whatever its rudder does.
 """
 
 from typing import List, NamedTuple, Sequence

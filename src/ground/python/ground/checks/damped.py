@@ -37,7 +37,7 @@ class _Run(NamedTuple):
 class Rests(NamedTuple):
     """What commands of several runs of a craft have to explain."""
 
-    rests: Dict[bool, List[reply.Rest]]  # by whether it is twisted, as that of reply.rest
+    rests: Dict[bool, List[reply.Rest]]  # by whether it is twisted, as in reply.rest
     block: float  # length of blocks of time that are hardly correlated [s]
 
 

@@ -92,7 +92,7 @@ def described(run: RepairedRun) -> Document:
 def with_suspicions(
     described_runs: Sequence[Document], every: Sequence[suspicions.Suspicion]
 ) -> List[Document]:
-    """Described runs with those of the Suspicions of a craft that are about one run alone."""
+    """Described runs of a craft, each with the Suspicions that are about this run alone."""
     return [
         dict(d, suspicions=[one.describe() for one in every if one.runs == (d["name"],)])
         for d in described_runs
@@ -226,7 +226,7 @@ def _sensors(inertial: Document, poses: Document) -> str:
     turn, push = inertial["noise"][0], float(np.hypot(*inertial["noise"][1:]) / np.sqrt(2))
     of_poses = poses["noise"]["heading"] * np.sqrt(2) * poses["rate"]
     parts = [
-        "gyro %.0f Hz, noise %.2g deg/s (that of two poses: %.2g deg/s)"
+        "gyro %.0f Hz, noise %.2g deg/s (from two poses: %.2g deg/s)"
         % (inertial["rate"], np.degrees(turn), np.degrees(of_poses))
     ]
     if not inertial["problems"]:
@@ -299,7 +299,7 @@ def grave(d: Document) -> Iterator[str]:
         steps = ["%.0f deg at %.2f s" % (np.degrees(s["angle"]), s["time"]) for s in poses["heading_steps"]]
         yield (
             "the measured heading steps while the craft goes on, as when the mocap takes one pattern of "
-            "markers for another; turned back to that of the longest part: " + _named(steps)
+            "markers for another; turned to agree with the longest part: " + _named(steps)
         )
     if d["breaks"]:
         times = _named(["%.2f s" % time for time in d["breaks"]])

@@ -24,7 +24,7 @@ name: a pair
 body: {m: 1.0, l: 1.0, k: %r, I_z: %r, X_u: %r, Y_v: %r, N_r: %r, input_max: 1.0}
 effects: []
 """
-IDLE = 0.1  # least change of the sum, over that of the difference
+IDLE = 0.1  # least change of the sum, over the change of the difference
 FEWEST = 20  # averages that a rough model follows from
 LAX = 0.5  # chance that some other reading is preferred in an imitation whose channels do not show
 WHY = "recordings that a model makes with these commands look so, too"
@@ -101,8 +101,8 @@ def confirmed(
     thrusters: Sequence[layouts.Thruster],
     model: Optional[_core.Model],
 ) -> layouts.LayoutVerdict:
-    """The verdict of recordings of a craft; one that leaves open what would also be found in recordings that
-    its model makes, or that of a pair which moves like it."""
+    """The verdict of recordings of a craft. A hypothesis stays open if imitations would show it, too: these
+    are recordings that the craft's model makes, or the model of a pair of thrusters that moves like it."""
     if verdict.is_as_recorded:
         return verdict
     model = rough(recordings) if model is None else model

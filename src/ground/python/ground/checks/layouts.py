@@ -107,7 +107,7 @@ class LayoutFit:
     hypothesis: Hypothesis
     force: float  #: share of the forces that the commands explain
     turn: float  #: share of the turns
-    ratio: float  #: of the accelerations that it leaves unexplained to those of the best one
+    ratio: float  #: of the accelerations that it leaves unexplained, to the same of the best hypothesis
     ratio95: Tuple[float, float]  #: interval of that ratio
 
 
@@ -117,7 +117,7 @@ class LayoutVerdict:
 
     recorded: LayoutFit  #: channels by their names, heading as it is
     best: LayoutFit
-    same: List[Hypothesis]  #: under which the motion is exactly that of the best one
+    same: List[Hypothesis]  #: that predict exactly the motion of the best one
     undecided: List[LayoutFit]  #: others that the recordings do not refute, the likeliest ones
     open_share: float  #: share of all classes of hypotheses that are not refuted
     why: str  #: why not; empty where there are none
@@ -161,7 +161,7 @@ def _signs(count: int) -> Iterator[Tuple[int, ...]]:
 
 @functools.lru_cache(maxsize=8)
 def classes(thrusters: Tuple[Thruster, ...]) -> List[Class]:
-    """All hypotheses for a craft, in classes; the first one has that of what is recorded."""
+    """All hypotheses for a craft, in classes. The first class has the hypothesis as recorded."""
     names = [thruster.name for thruster in thrusters]
     found: Dict[Tuple[bool, bytes], List[Hypothesis]] = {}
     for order, signs, turn, frame in itertools.product(_orders(names), _signs(len(names)), QUARTERS, FRAMES):
@@ -239,7 +239,7 @@ class _Evidence:
     @classmethod
     def of(cls, thrusters: Sequence[Thruster], moments: Dict[bool, _Moments], chance: float) -> "_Evidence":
         """Of moments of a craft's motions, by whether headings and positions contradict."""
-        groups = classes(tuple(thrusters))  # the first is that of what is recorded, and alone costs nothing
+        groups = classes(tuple(thrusters))  # the first is as recorded, and alone costs nothing
         found = cls(thrusters, groups, moments, chance, np.empty(0))
         firsts = [group[0] for group in groups]
         return replace(found, unexplained=found.left(firsts, _effects(tuple(thrusters))))
@@ -269,8 +269,8 @@ class _Evidence:
         return found
 
     def log_ratios(self, left: Array, index: int) -> Tuple[Array, Array]:
-        """Logs of the ratios of unexplained accelerations to those of a class: (h,), and their standard
-        errors."""
+        """Logs of the ratios of unexplained accelerations, relative to the class `index`: (h,), and their
+        standard errors."""
         logs, parts = blocks.logs(left)
         one, own = blocks.logs(self.unexplained[index : index + 1])
         return logs - one, blocks.error_of_sum(parts - own)
@@ -325,9 +325,9 @@ class _Evidence:
 def judge(
     recordings: Sequence[Recording], thrusters: Sequence[Thruster], chance: float = CHANCE
 ) -> LayoutVerdict:
-    """The LayoutVerdict of recordings on a craft's thrusters, whose names are those of the channels: by what
-    commands do at once and, where that leaves other ways to read them, by what they do while damping acts.
-    chance: that any wrong way to read them is preferred to the right one.
+    """The LayoutVerdict of recordings on a craft's thrusters, which have the names of the channels. It
+    follows from what commands do at once. If that leaves other ways to read them, it follows from what they
+    do while damping acts. chance: that any wrong way to read them is preferred to the right one.
 
     GroundError when a recording has no such channel or the commands change too little.
     """

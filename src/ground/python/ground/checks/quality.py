@@ -18,7 +18,7 @@ SHORTEST, IDLE, MARGIN = 36, 120, 12
 MOVED = 20.0  # largest movement of a craft at rest [standard deviations of a pose]
 FEWEST_POSES = 10  # intervals between poses in the shortest window
 FROZEN = 36  # poses in a row that repeat the last one, if thrusters act, from which they are no measurement
-STEPS = 0.25  # largest change of velocity of a pose that steps, relative to that of one interval
+STEPS = 0.25  # largest change of velocity of a pose that steps, relative to the change in one interval
 STEP = 300.0  # largest step of poses that is none of the craft [standard deviations of a pose]
 ODD = 0.05  # largest share of poses that repeat the last one by chance
 CONTACT = (0.85, 1.3)  # excess over any input, relative to the largest thrust and yaw moment
@@ -326,7 +326,7 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     # A contact lasts for several frames; a single one is noise.
     beyond = np.min([np.roll(beyond, s) for s in (-1, 0, 1)], axis=0)
     floats[floats] = kinematics.middle(motion, motion.times[floats])
-    near = np.zeros(len(floats), bool)  # where accelerations are those of a step, or of frozen poses
+    near = np.zeros(len(floats), bool)  # where a step or frozen poses make the accelerations
     margin = MARGIN * scatter.interval(motion.times)
     odd = [(t - margin, t) for t in motion.times[_steps(motion)]] + _frozen(recording)
     for start, end in odd:

@@ -310,7 +310,7 @@ def fading(recording: Recording, lag: float) -> Optional[Tuple[float, float, flo
 
 def authorities(recording: Recording) -> Document:
     """What each thruster does to the craft at full input, by its name: forward and right, along the measured
-    body's axes [m/s^2], turn, clockwise from above [rad/s^2], and their standard errors, those of a jackknife
+    body's axes [m/s^2], turn, clockwise from above [rad/s^2], and their standard errors from a jackknife
     over blocks of time. Empty if the commands do not distinguish the thrusters."""
     motion, sent = recording.motion, recording.control_times
     inside = middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])

@@ -170,7 +170,7 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
         return
     follows = repaired(recording).reply
     motion = repaired(recording).motion
-    # beside that of fast poses, which the limits have
+    # The limits already contain BLURRED.
     slack = max(0.0, max(kinematics.blur(motion)) + scatter.interval(motion.times) - BLURRED)
     early, usual, longest = (share * reply.turn_time(motion) for share in (EARLIEST, DELAYED, LATEST))
     for clock in other_clocks.find(recording):

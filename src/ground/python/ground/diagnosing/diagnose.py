@@ -43,8 +43,8 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
     exclude: Sequence[str] = option((), "effects not to try", metavar="EFFECT", nargs="+")
     effects: Sequence[EffectLike] = option(
         (),
-        "effects to try as well: your own, one in each FILE.yaml, as model files list them, or by name those "
-        "of the library that are not tried by default (%s)" % ", ".join(candidates.on_request()),
+        "effects to try as well: your own, one in each FILE.yaml, as model files list them, or names of "
+        "library effects that are not tried by default (%s)" % ", ".join(candidates.on_request()),
         metavar="EFFECT",
         nargs="+",
     )

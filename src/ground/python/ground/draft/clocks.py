@@ -105,7 +105,7 @@ def _is_date(name: str) -> bool:
 
 
 def _time_worth(name: str) -> float:
-    """How likely a name is that of the time of the samples."""
+    """How likely a name stands for the time of the samples."""
     found = words.split(name)
     if not set(found) & words.TIME:
         return 0.0

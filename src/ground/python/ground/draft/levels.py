@@ -21,8 +21,8 @@ def finite(values: Array) -> Array:
 
 
 def likely(topic: str, values: Mapping[str, Array]) -> Dict[str, Array]:
-    """Columns that could be commands: those that are named so, else those of few levels, or that do not
-    change but are not 0."""
+    """Columns that could be commands. Names of commands decide; without one, columns of few levels and
+    constant columns that are not 0 could be commands."""
     there = {p: finite(v) for p, v in values.items() if not COUNTER.search(p) and np.isfinite(v).any()}
     there = {p: v for p, v in there.items() if not re.fullmatch(r"column_\d+", p)}  # without a name
     bodily = {"u", "v", "r"} <= set(there)  # velocities of the craft
@@ -136,8 +136,8 @@ def _neutral(values: Array) -> float:
 
 
 def names(found: Mapping[str, Array]) -> Dict[str, str]:
-    """Names of channels: those of the fields. A word says which is left, right or lift; of three without
-    such words the one that changes least is the lift."""
+    """Names of channels, from the names of the fields. A word says which is left, right or lift. Of three
+    channels without such words, the lift is the channel that changes least."""
     called = {path: plain(path) for path in found}
     last = {path: path.rsplit(".", 1)[-1] for path in found}
     if set(last.values()) >= {"left", "right"}:

@@ -124,7 +124,7 @@ def fields_of_kind(kind: str) -> PoseColumns:
 class Turn:
     """How headings relate to the course over ground."""
 
-    sign: int  #: that of headings
+    sign: int  #: sign of headings
     offset: float  #: mean of signed headings minus course [rad]
     resultant: float  #: 0 to 1: how well they agree
     other: float  #: the same for the other sign

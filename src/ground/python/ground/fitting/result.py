@@ -147,7 +147,7 @@ class Fit(Shown, Plotted, Estimated):
         frame = self.to_frame()
         for p in self.parameters.values():
             if p.identified:
-                # one end may be that of the range
+                # one end may be an end of the range
                 reach = factor * max(abs(step(known[p.name], p.value, end)) for end in p.ci95)
                 ends = sorted(moved(known[p.name], p.value, by) for by in (-reach, reach))
                 frame.loc[p.name, ["low", "high"]] = ends

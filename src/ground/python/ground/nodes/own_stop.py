@@ -135,7 +135,7 @@ def _went_on(trial: StopTrial, found: Break, control: Break, speed: float) -> St
     if end < 0.5 * speed:
         why = "it slowed down from %.2f to %.2f m/s, but not as a craft that brakes"
         return StopVerdict(UNDECIDED, why % (speed, end), speed=speed)
-    # The slope of a speed that levels off is that of its steep begin; gliding gains nothing anyhow.
+    # If a speed levels off, the slope of its steep begin counts; a gliding craft gains no speed.
     how = "driven on by its thrust"
     if end < speed + min(0.5 * found.slope * silence, MIN_LOSS):
         how = "gliding, as if its lift was on"

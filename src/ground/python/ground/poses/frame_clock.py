@@ -1,8 +1,8 @@
 """The clock of a motion capture's frames, rebuilt from late stamps and the motion itself.
 
 A polling client stamps every frame with the instant at which it fetched it: frames of one poll share a
-stamp, and frames that the network delayed arrive together. A client that gets each frame stamps
-most of them well, and those of a delayed burst late. But the camera takes frames at a constant rate, and
+stamp, and frames that the network delayed arrive together. A client that gets each frame stamps most
+frames well, but stamps the frames of a delayed burst late. The camera takes frames at a constant rate, and
 while the craft moves, the size of a step shows how many frames it took. The most likely frame numbers
 given both (Viterbi 1967) put every pose back to its instant.
 """

@@ -243,7 +243,7 @@ def _pushes(compared: _Compared, raw: Array, delay: float) -> _Pushes:
 
 
 def _noise(values: Array) -> float:
-    """Standard deviation of the white noise of samples (n,), with that of their resolution."""
+    """Standard deviation of the white noise of samples (n,), at least the noise of their resolution."""
     second = np.abs(np.diff(values, 2))
     steps = np.abs(np.diff(values))
     resolution = np.quantile(steps[steps > 1e-12], 0.02) if (steps > 1e-12).any() else 0.0

@@ -64,9 +64,9 @@ def repair(
     low_pass: Optional[LowPass] = None,
 ) -> Motion:
     """The repaired motion of poses (n, 3) with stamps (n,) [s], in the order of arrival; clock_offset: see
-    Recording; noise: of positions [m] and headings [rad], else that of the scatter of the poses; frame_rate:
-    of a camera whose stamps are late [Hz], else what stamps and motion say; low_pass: of the mocap, which is
-    undone. GroundError names the run when too little of it is left."""
+    Recording; noise: of positions [m] and headings [rad], by default the scatter of the poses; frame_rate:
+    of a camera whose stamps are late [Hz], by default estimated from stamps and motion; low_pass: of the
+    mocap, which is undone. GroundError names the run when too little of it is left."""
     repairs: Dict[str, float] = {}
     times = on_commands_clock(stamps, clock_offset)
     if abs(clock_offset) > CLOCK_OFFSET:

@@ -18,10 +18,10 @@ BRIDGED = 12.0  # longest gap [usual intervals]
 LEAST_BRIDGED = 2.5  # the same where the craft turns so fast that its heading would be ambiguous
 SOUND, SHORT = 13, 5  # steps in a row whose median is a velocity of the craft
 FINEST = np.array([1e-6, 1e-6, 1e-6])  # least noise relative to the range of x, y, heading
-MOST_SAMPLES, PIECE = 8000, 1000  # poses, and those of a piece, from which levels are estimated
+MOST_SAMPLES, PIECE = 8000, 1000  # poses from which levels are estimated, in all and in one piece
 MOTION = 0.55  # variance of third differences of an integrated random walk [jerk^2 interval^5]
 SMALL = 0.5  # part of motion in third differences up to which these are noise ...
-WIDTHS, LARGE = (5, 3), 2.0  # ... and up to which the jerk is that of medians of so many poses
+WIDTHS, LARGE = (5, 3), 2.0  # ... and up to which medians of so many poses give the jerk
 WOBBLE = 1.3  # ... where poses are off by so many times their noise from frame to frame
 MOSTLY = 0.5  # least share of evenly spaced poses for third differences
 ROUNDED = np.array([1.0, 2.0, 5.0, 10.0])  # jerks are these times a power of ten
@@ -70,7 +70,7 @@ def longest_gap(times: Array, fastest: float) -> float:
 
 
 def resolution(values: Array) -> Array:
-    """The least noise that columns (n, 3) can have: that of rounding, and of numbers."""
+    """The least noise that columns (n, 3) can have, because they are rounded."""
     finest = FINEST * np.maximum(np.ptp(values, axis=0), 1e-6)
     for i, column in enumerate(values.T):
         steps = np.abs(np.diff(column))

@@ -39,8 +39,8 @@ def ranks(topics: Mapping[str, Topic]) -> Mapping[str, int]:
 def channels_of(
     columns: Columns, kind: str, commands: Commands, where: str
 ) -> Tuple[Tuple[CommandChannel, ...], str]:
-    """The channels of a topic and the name of that of the lift fan. Those of ground_msgs/Controls name the
-    channels of a craft that lists its thrusters. GroundError where they are not known."""
+    """The channels of a topic, and the name of the lift fan's channel. If the craft lists its thrusters,
+    ground_msgs/Controls has the names of its channels. GroundError if the channels are not known."""
     if commands.channels:
         return commands.channels, commands.lift
     if kind not in KINDS:

@@ -184,7 +184,7 @@ def _absent(columns: Columns, path: str) -> str:
 
 
 def numbers(columns: Columns) -> List[str]:
-    """Names of the columns that are numbers, without those of the header and the receipt."""
+    """Names of the columns of numbers, without the columns of the header and the receipt."""
     return [
         name
         for name, values in columns.items()

@@ -33,8 +33,8 @@ class Definitions:
                 self._files.setdefault(pathlib.Path(file).stem, []).append(file)
 
     def file(self, kind: str) -> str:
-        """The file that defines a type ("ff_msgs/msg/Command"): that of its package, else the only one of
-        this name; empty without any. GroundError when several could be meant."""
+        """The file that defines a type ("ff_msgs/msg/Command"): its package's file, else the only file
+        of this name; empty if there is none. GroundError if several files fit."""
         package, name = kind.split("/")[0], kind.rsplit("/", 1)[-1]
         files = list(dict.fromkeys(self._files.get(name, [])))
         own = [file for file in files if package in pathlib.Path(file).absolute().parts[-3:-1]] or files
@@ -181,5 +181,5 @@ def check_digest(stream: Stream, types: Types, file: str) -> None:
     if Typestore.hash_rihs01(store, stream.kind) != stream.digest:
         raise GroundError(
             "%s: it does not define %s as topic %s has it: the bag holds the hash of another definition; "
-            "take that of the version with which it was recorded" % (file, _plain(stream.kind), stream.topic)
+            "use the definition from when it was recorded" % (file, _plain(stream.kind), stream.topic)
         )

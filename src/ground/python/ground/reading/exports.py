@@ -31,7 +31,7 @@ class Head:
     rate: float = 0.0  #: frames per second [Hz], for a column `frame`; 0: unknown
     euler: Tuple[str, ...] = ()  #: bodies whose rotation has three angles [deg]
     order: str = ""  #: of these angles
-    zero_is_lost: bool = False  #: whether rows of zeros are those of a lost body
+    zero_is_lost: bool = False  #: whether a row of zeros means a lost body
     is_export: bool = False  #: whether a program of motion capture has written it
     notes: List[str] = field(default_factory=list)
 
@@ -84,7 +84,7 @@ def _filled(cells: Sequence[str]) -> List[str]:
 
 
 def _body(name: str) -> str:
-    """The name of a body, without that of the group that it is in."""
+    """The name of a body, without the name of its group."""
     return name.strip().strip('"').replace(".", "_")
 
 
@@ -142,7 +142,7 @@ def _note_bodies(head: Head, program: str, unit: str) -> None:
 
 
 def _qualisys(lines: Sequence[str]) -> Head:
-    """A line for each fact, then one row of names, in which that of a body stands before its X."""
+    """A line for each fact, then one row of names, in which the name of a body stands before its X."""
     separator = "\t" if "\t" in lines[0] else ","
     rows = [(number, _cells(line, separator)) for number, line in enumerate(lines[:60])]
     facts = {cells[0].upper(): cells[1:] for _, cells in rows if cells and len(cells) > 1}

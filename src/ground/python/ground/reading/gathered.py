@@ -56,8 +56,8 @@ def read(
     stamps: Stamps,
     notes: List[str],
 ) -> Gathered:
-    """The commands in the topics of a file. given: each topic with what a mapping says of it; stamps: reads
-    those of a table; notes: told what was left out or assumed. GroundError where they cannot be read."""
+    """The commands in the topics of a file. given: each topic with its part of the mapping; stamps: reads
+    the stamps of a table; notes: gets what was left out or assumed. GroundError if they cannot be read."""
     parts = []
     for part, topic in given:
         said: List[str] = []
@@ -114,7 +114,8 @@ def _merged(path: str, parts: Sequence[CommandTable], lift: str, notes: List[str
 
 
 def _instants(times: Sequence[Array], room: float) -> Array:
-    """Times of commands: of those of different topics that are not further apart than room [s], the last."""
+    """Times of commands. Commands of different topics within room [s] of each other are one, at the last of
+    their times."""
     owner = np.concatenate([np.full(len(t), number) for number, t in enumerate(times)])
     every = np.concatenate(times)
     order = np.argsort(every, kind="stable")
@@ -131,7 +132,7 @@ def _instants(times: Sequence[Array], room: float) -> Array:
 
 
 def _stopped(parts: Sequence[CommandTable], end: float) -> Iterator[str]:
-    """Topics whose commands end before those of the others."""
+    """Topics whose commands end before the other topics' commands."""
     for part in parts:
         last = float(part.times.max())
         if end - last > PAUSE * max(part.interval, max(other.interval for other in parts)):
@@ -149,7 +150,7 @@ def in_order(given: Sequence[CommandChannel], gathered: Gathered) -> Gathered:
 
 
 def ascending(rows: Array, what: str, notes: List[str]) -> Array:
-    """Rows that begin with a time; those of which the latest come first are turned round."""
+    """Rows that begin with a time, in ascending order. If the latest rows come first, they are reversed."""
     if not instants.descends(rows[:, 0]):
         return rows
     notes.append("the latest %s come first: their order is turned round" % what)

@@ -20,7 +20,7 @@ DAY = 86400 * 10**9  # [ns]
 RESTART = 5 * 10**8  # a clock that goes back by more starts anew [ns]
 MANY_LOST = 3  # rows for each stamp from which the stamps have lost digits
 UNPADDED = "unpadded"
-CALENDARS = {(3e4, 8e4): 25569, (7e5, 8e5): 719529}  # days of Excel and of Matlab: that of 1970
+CALENDARS = {(3e4, 8e4): 25569, (7e5, 8e5): 719529}  # days of Excel and of Matlab: the day 1970-01-01
 # Times as text that need no format: the year first, or no date
 FORM = re.compile(
     r"\s*(?:(?P<y>\d{4})([-/.]?)(?P<mo>\d\d?)\2(?P<d>\d\d?)(?:\s*T|[\s,_-]+|$))?"

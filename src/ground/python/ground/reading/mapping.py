@@ -82,9 +82,9 @@ class CommandChannel:
     scale: float = 1.0
     sign: int = 1
     range: Tuple[float, float] = RANGE
-    topic: str = ""  #: that has it; empty: that of all commands
-    file: str = ""  #: pattern of the names of tables that have it; empty: that of all commands
-    time: Optional[Clock] = None  #: its clock; None: that of all commands
+    topic: str = ""  #: that has it; empty: the topic of all commands
+    file: str = ""  #: pattern of the names of tables that have it; empty: the pattern of all commands
+    time: Optional[Clock] = None  #: its clock; None: the clock of all commands
     is_given: bool = True  #: whether the mapping says what the values mean, and not the file
 
     def commands(self, values: Array) -> Array:
@@ -124,7 +124,7 @@ class Sensors:
 
     use: bool = True
     topic: str = ""  #: empty: the craft's telemetry, or the only sensor_msgs/Imu
-    file: str = ""  #: name of the table that has them: that of the poses or of the commands
+    file: str = ""  #: name of the table that has them: the table of the poses or of the commands
     type: str = ""
     yaw_rate: str = ""  #: path of the turn about the vertical; empty: the type's
     acceleration: Tuple[str, ...] = ()  #: paths of two horizontal axes

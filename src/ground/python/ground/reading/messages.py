@@ -47,7 +47,7 @@ def new(kind: str, **fields: Any) -> Message:
 
 @functools.lru_cache(maxsize=None)
 def _store() -> Any:
-    """rosbags' Typestore of ROS 1 with ground's messages: those of ROS, or those in the wheel."""
+    """rosbags' Typestore of ROS 1 with ground's messages, from the wheel or else from the ROS package."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     texts: Dict[str, str] = {}

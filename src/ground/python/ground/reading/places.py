@@ -114,6 +114,6 @@ def subtract_origin(rows: Array, notes: List[str]) -> None:
     origin = rows[near][0, :2].copy() if near.any() else middle
     rows[:, :2] -= origin
     notes.append(
-        "positions are far from the origin, as coordinates of maps are: x %.3f m, y %.3f m, those of the "
-        "first pose, are subtracted" % tuple(origin)
+        "positions are far from the origin, as coordinates of maps are: the first pose, x %.3f m, y %.3f m, "
+        "is subtracted" % tuple(origin)
     )

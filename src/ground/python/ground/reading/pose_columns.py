@@ -103,7 +103,7 @@ class PoseTable:
 
     rows: Array  #: (n, 3) x, y [m], psi [rad], world_ned; NaN for invalid ones
     raw: Array  #: (n, 7) position [m] and quaternion x, y, z, w; empty for planar poses
-    chosen: Flags  #: which rows of the table they are: those of the body
+    chosen: Flags  #: which rows of the table are the body's
     absent: Flags  #: which of these have no number of a pose at all
 
     @property

@@ -178,7 +178,7 @@ def _drives(source: Container) -> Array:
 
 
 def _without_pose(given: Flags) -> str:
-    """How many rows have no pose: some are lost, or most are those of other messages."""
+    """How many rows have no pose: some poses are lost, or most rows belong to other messages."""
     if given.mean() > 1 - MANY_LOST:
         return "rows without a pose are left out (%d of %d)" % ((~given).sum(), len(given))
     return "poses are the %d of %d rows that have one" % (given.sum(), len(given))

@@ -25,11 +25,11 @@ FOREIGN = {  # files that other programs export as tables
     **dict.fromkeys((".json", ".jsonl", ".feather"), "its rows, by pandas for example,"),
     **dict.fromkeys((".npz", ".npy"), "its arrays"), ".zip": "its content",
 }  # fmt: skip
-Files = Tuple[str, ...]  #: that of the poses, and one for each place of commands
+Files = Tuple[str, ...]  #: the file of the poses, and a file for each place of commands
 
 
 def tables(folder: str) -> List[str]:
-    """The tables in a folder; those of plain text only where there are no others."""
+    """The tables in a folder; tables of plain text only if there are no others."""
     names = sorted(os.listdir(folder))
     found = [[name for name in names if name.lower().endswith(ends)] for ends in (SUFFIXES, FURTHER)]
     return [os.path.join(folder, name) for name in found[0] or found[1]]
@@ -48,7 +48,7 @@ def files_of(path: str, mapping: FieldMapping) -> Files:
     if len(every) != 1:
         written = " and ".join("'%s'" % (pattern or "*") for pattern in patterns)
         raise GroundError(
-            "%s: the mapping %s names the files %s (poses.file, and commands.file or those of the channels), "
+            "%s: the mapping %s names the files %s (poses.file, and commands.file or the channels' file), "
             "which fit %d times here, but once is needed" % (path, mapping.file, written, len(every))
         )
     return every[0]

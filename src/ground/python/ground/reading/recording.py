@@ -115,10 +115,10 @@ class Recording(Plotted):
         """A recording of arrays.
 
         times: (n,) of the poses [s], in any order of arrival. poses: (n, 3) x, y [m], psi [rad],
-        world_ned. commands: (m, c) by channels, 0 to 1; those of thrusters with other names than left and
-        right may reach from -1. Each is held until the next. command_times: (m,) on the same clock [s];
-        by default those of the poses. channels: names as the model has them, that of the lift last.
-        GroundError says which array is wrong.
+        world_ned. commands: (m, c) by channels, 0 to 1; of a thruster with another name than left or right,
+        -1 to 1. Each is held until the next. command_times: (m,) on the same clock [s]; by default the
+        times of the poses. channels: names as the model has them, the lift's name last. GroundError says
+        which array is wrong.
         """
         stamps = times if command_times is None else command_times
         rows = _rows("poses", times, poses, POSE)
@@ -136,9 +136,9 @@ class Recording(Plotted):
 
     @staticmethod
     def from_frame(frame: "pandas.DataFrame", name: str = "recording") -> "Recording":
-        """A recording of a table as `to_frame` gives it: columns t, x, y, psi and one for each channel, that
-        of the lift last; a row for each pose. Velocities are not taken: they are smoothed from the poses.
-        Rows without a command (NaN) have none. GroundError when a column is missing."""
+        """A recording of a table as `to_frame` gives it: columns t, x, y, psi and a column for each
+        channel, the lift last; a row for each pose. Velocities are not taken: they are smoothed from the
+        poses. Rows without a command (NaN) have none. GroundError when a column is missing."""
         missing = [column for column in ("t", *POSE) if column not in frame]
         if missing:
             raise GroundError("%s: the table has no column %s" % (name, ", ".join(missing)))

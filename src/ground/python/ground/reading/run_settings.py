@@ -104,9 +104,9 @@ def settings_of(
 ) -> Settings:
     """The Settings of poses in a Container; taken: which of them the poses take.
 
-    They are those of the mapping if it gives them, else those in the bag, else those in the
-    parameter file beside it, else the defaults. Adds to `warnings` what could not be read
-    and what the poses do not need; raises GroundError for axes that are not a frame.
+    The mapping gives them, else the bag, else the parameter file beside it, else the defaults. Adds to
+    `warnings` what could not be read and what the poses do not need; raises GroundError for axes that
+    are not a frame.
     """
     given: Dict[str, Any] = {"axes": mapping.poses.axes, "heading_offset": mapping.poses.heading_offset}
     source = "recorded in the bag"

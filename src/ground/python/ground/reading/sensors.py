@@ -98,7 +98,7 @@ class SensorReader:
         self, section: str, given: Union[Battery, Sensors], own: Sequence[str]
     ) -> Optional[Tuple[Array, Array, str]]:
         """Times (n,) [s], NaN without one, values (n, k) and their source, by the fields that a section of
-        the mapping names (own), else by those of the type."""
+        the mapping names (own), else by the type's fields."""
         topic = self._topic(section, given, own[0]) if given.use else ""
         if not topic:
             return None
@@ -143,7 +143,7 @@ class SensorReader:
         return only[0] if only else ""
 
     def _clock(self, own: Clock, topic: str) -> Clock:
-        """Its own clock, or that of the table which it shares."""
+        """Its own clock, or the clock of the table which it shares."""
         if own.is_of_fields or own.source:
             return own
         mapping = self.mapping

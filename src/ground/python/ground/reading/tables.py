@@ -321,7 +321,7 @@ def _pivoted(frame: "pandas.DataFrame", notes: List[str]) -> "Optional[pandas.Da
         return None
     (time,) = set(frame.columns) - {texts[0], values[0]}
     notes.append(
-        "a row for each value: %s names the signals, and %s has their values; those of one time are one row"
+        "a row for each value: %s names the signals, and %s has their values; one time makes one row"
         % (texts[0], values[0])
     )
     wide = frame.pivot_table(index=time, columns=texts[0], values=values[0], aggfunc="first")
@@ -330,7 +330,7 @@ def _pivoted(frame: "pandas.DataFrame", notes: List[str]) -> "Optional[pandas.Da
 
 
 def _units(head: Head, names: Sequence[str]) -> Dict[str, str]:
-    """Units by the name of the column: those of the head, or in the name itself."""
+    """Units by the name of the column, from the head or from the name itself."""
     found = {name: words.unit_in(name) for name in names if name}
     found.update(head.units)
     return {name: unit for name, unit in found.items() if unit}

@@ -1,7 +1,7 @@
 """Logs of PX4 (ULog) as containers, read by pyulog.
 
-Topics have the names of their messages; those of a second sensor end with its number, "sensor_gyro_1". Times
-are those since the computer started.
+Topics have the names of their messages; topics of a second sensor end with its number, "sensor_gyro_1".
+Times count from the start of the computer.
 """
 
 import numpy as np

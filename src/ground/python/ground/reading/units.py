@@ -11,11 +11,11 @@ from ground.support.annotations import Array
 FASTEST = 15.0  # that a craft in a room goes [m/s]
 HASTY = 3.0  # the same of one whose poses are as noisy as in another unit
 CLEARLY = 2.0  # typical deviations by which the metre has to be less likely then
-ALIKE = 1.7  # typical deviations within which units are as likely: those of cm and inches are
+ALIKE = 1.7  # typical deviations within which units are as likely, as cm and inches are
 TYPICAL_SPEED = 0.6  # speed of a miniature hovercraft [m/s]
 TYPICAL_NOISE = 3e-4  # standard deviation of a mocap [m]
 SPEED_STEP = 0.1  # over which speeds are taken [s]
-TURN = 60.0  # faster turns are those of degrees [rad/s]
+TURN = 60.0  # faster turns are turns in degrees [rad/s]
 # Axes by the vertical one of the mocap's, up and down.
 VERTICAL = (("y, -z, -x", "y, z, x"), ("x, z, -y", "x, -z, y"), ("x, -y, -z", "x, y, z"))
 

@@ -60,7 +60,7 @@ TIME = set(
     """.split()
 )
 TIME |= {"unixtime", "rostime", "walltime", "zeit", "msec", "usec", "nsec", "millis", "micros", "date"}
-# Times that are other ones than those of the samples
+# Times other than the times of the samples
 OTHER_TIMES = set(
     """
     received receive receipt arrival sent send control command start end begin computation compute
@@ -159,7 +159,7 @@ def component(name: str) -> Tuple[str, Stem]:
 
 
 def heading(name: str) -> Tuple[float, Stem]:
-    """How likely a name is that of a heading, 0 to 1, and its other words."""
+    """How likely a name stands for a heading, 0 to 1, and its other words."""
     found = split(name)
     if {"sin", "cos", "sine", "cosine"} & set(found):
         return 0.0, ()
@@ -181,6 +181,6 @@ def is_command(name: str) -> bool:
 
 
 def is_measured(name: str) -> bool:
-    """Whether a name is that of a time, a motion, or something else that is no command."""
+    """Whether a name stands for a time, a motion, or something else that is not a command."""
     found = set(split(name))
     return bool((SENSED | MOTION | TIME - {"t"}) & found) or found <= {"t"} and bool(found)

@@ -115,8 +115,8 @@ def simulate(
     _core.ExcitationParams for bursts between returns home: these use the model `believed` (by
     default the one that moves the craft). pose: initial x, y
     [m], psi [rad], world_ned; velocity: initial u, v [m/s], r [rad/s], body. mocap:
-    _core.MocapParams. disturbance: _core.Disturbance that acts on the craft, drawn by the seed; that
-    of the model acts only if it is given here. plant: the craft, if the model does not move it; it
+    _core.MocapParams. disturbance: _core.Disturbance that acts on the craft, drawn by the seed; the
+    model's own acts only if it is given here. plant: the craft, if the model does not move it; it
     has its own pose, velocity and disturbance, and the model gives the thrusters. battery:
     how long it lasts at full power [s], 0 for none, and its charge at the start; the model must say at
     which voltage its k holds. Raises ValueError on

@@ -30,9 +30,9 @@ File = Tuple[bytes, str]  # packed content, and kind
 
 
 class Server(ThreadingHTTPServer):
-    """Serves on the loopback address. files: by path; that of the page is "/", and only that one needs the
-    secret. actions: by name, functions of a request's content. wait: returns the number of the newest state
-    as soon as it is not the one given, or after a time [s]."""
+    """Serves on the loopback address. files: by path; the page has the path "/", and is the only file that
+    needs the secret. actions: by name, functions of a request's content. wait: returns the number of the
+    newest state as soon as it differs from the given number, or after a time [s]."""
 
     daemon_threads = True
     allow_reuse_address = True

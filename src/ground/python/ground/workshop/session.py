@@ -143,7 +143,7 @@ class Session:
         ticked = ticked or self.ticked()
         ready, model = self.predictor(ticked["runs"], ticked["cuts"]), Model.parse(node["model"])
         off = asdict(ready.error(model))
-        before = self.nodes.get(node["parent"])  # whose floor is near that of other values
+        before = self.nodes.get(node["parent"])  # other values hardly change the floor
         floor = node.get("floor") or (before["floor"] if before else asdict(ready.noise(model)))
         return {
             **node,

@@ -37,7 +37,7 @@ class WorkbenchOptions:
     )
     no_browser: bool = option(False, "print the address, and open no browser")
     room: Optional[RoomLike] = option(
-        None, "room of the next experiment (that of the first run that has one)", metavar="ROOM.yaml"
+        None, "room of the next experiment (default: the first room that a run has)", metavar="ROOM.yaml"
     )
 
 
