@@ -175,6 +175,6 @@ def held_out(given: Recordings, model: Model, part: Part, work: Work, fitted: Me
     for one in found:
         if one.identity in known:
             raise GroundError(
-                "a run is given both to fit to and to hold out: %s" % both(known[one.identity], one)
+                "a run is given both for the fit and as holdout: %s" % both(known[one.identity], one)
             )
     return measured(distinct(found, fitted.recordings), model, part, work, fitted.recordings)
