@@ -229,7 +229,7 @@ def test_a_row_that_was_computed_is_left_out_and_named(tmp_path):
     out = tmp_path / "bench.yaml"
     result = identify("bench", path, "--model", VALVES, "--unit", "g", "-o", out, "--json")
     assert result.returncode == 0 and json.loads(result.stdout)["curve"] == "switch"
-    assert "line 3 is left out: its forces are those of line 4 times 0.5" in result.stderr
+    assert "line 3 is left out: its forces equal line 4 times 0.5" in result.stderr
 
 
 def test_measured_rows_are_never_taken_for_computed_ones(tmp_path):
@@ -401,8 +401,8 @@ def test_intervals_of_positive_quantities_stay_positive():
     from ground.fitting import bench_motion
 
     k, bench = (0.06, -0.01, 0.2), (0.05, 0.045, 0.055)
-    motion = bench_motion.Motion(k, k, k, (0.06, 1e-4), bench, None, 1.0, True)
+    motion = bench_motion.MassByMotion(k, k, k, (0.06, 1e-4), bench, None, 1.0, True)
     value, low, high = motion.ratio
     assert value == pytest.approx(1.2) and low == 0 and high > 0.2 / 0.055
-    sure = bench_motion.Motion((0.06, 0.057, 0.063), k, k, (0.06, 1e-4), bench, None, 1.0, True).ratio
+    sure = bench_motion.MassByMotion((0.06, 0.057, 0.063), k, k, (0.06, 1e-4), bench, None, 1.0, True).ratio
     assert sure[0] - sure[1] == pytest.approx(1.2 * math.hypot(0.05, 0.1), rel=0.1)

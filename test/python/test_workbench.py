@@ -105,6 +105,13 @@ def bench(bags, tmp_path_factory):
     made.end()
 
 
+@pytest.fixture
+def own_browser():
+    made = started_browser()
+    yield made
+    made.quit()
+
+
 @pytest.fixture(autouse=True)
 def none_left():
     yield
@@ -441,18 +448,18 @@ def story(bench, browser, name, whole_search=True):
 
 
 @slow
-def test_the_story_on_a_real_day(browser, tmp_path):
+def test_the_story_on_a_real_day(own_browser, tmp_path):
     if not SHARED.is_dir():
         pytest.skip("the real recordings of 2019 are missing beside the workspace")
     bags = []
     for pose in sorted(SHARED.glob("pose_2019-04-16*.csv")):
         bags.append(tmp_path / (pose.stem + ".bag"))
         import_csv.write_bag(str(pose).replace("pose_", "controls_"), str(pose), str(bags[-1]))
-    story(Bench(bags[:-1], bags[-1:], tmp_path / "out"), browser, "real")
+    story(Bench(bags[:-1], bags[-1:], tmp_path / "out"), own_browser, "real")
 
 
 @slow
-def test_the_story_on_a_free_flyer(browser, tmp_path):
+def test_the_story_on_a_free_flyer(own_browser, tmp_path):
     if not FLYER.is_dir():
         pytest.skip("the recordings of the free-flyer are missing beside the workspace")
     types = tmp_path / "ff_msgs" / "msg" / "ThrusterCommand.msg"
@@ -460,18 +467,18 @@ def test_the_story_on_a_free_flyer(browser, tmp_path):
     types.write_text("std_msgs/Header header\nbool[8] switches\n")
     reading = ["--mapping", str(FLYER / "mapping_bag.yaml"), "--types", str(types)]
     runs, model = sorted(FLYER.glob("bags/exp_*_short*")), FLYER / "model.yaml"
-    story(Bench(runs[:-1], runs[-1:], tmp_path / "out", *reading, model=model), browser, "flyer", False)
+    story(Bench(runs[:-1], runs[-1:], tmp_path / "out", *reading, model=model), own_browser, "flyer", False)
 
 
 @slow
-def test_an_hour_and_twenty_runs_are_drawn_thinned(browser, tmp_path):
+def test_an_hour_and_twenty_runs_are_drawn_thinned(own_browser, tmp_path):
     """How long the browser was busy at once is printed."""
     truth = ground.Model.load(MODEL).with_effect("motor_lag", tau=LAG)
     ground.simulate(truth, "prbs", duration=3600, seed=1, rate=120.0).save(tmp_path / "hour.bag")
     for seed in range(20):
         ground.simulate(truth, "prbs", duration=20, seed=seed).save(tmp_path / ("run%d.bag" % seed))
     bench = Bench([tmp_path], [], tmp_path / "out")
-    page = Page(browser, bench.address)
+    page = Page(own_browser, bench.address)
     page.js("""window.longest = [0];
     const watch = new PerformanceObserver(list => longest.push(...list.getEntries().map(e => e.duration)));
     watch.observe({entryTypes: ['longtask']})""")
