@@ -193,9 +193,10 @@ def checked_session(paths: Sequence[pathlib.Path], update: bool = False) -> List
     if not update:
         return [line for shown in blocks for line in differences(shown)]
     ends = list(itertools.accumulate(map(len, texts)))
+    starts = [0, *ends]
     for shown in reversed(blocks):
         number = bisect.bisect_right(ends, shown.start)
-        start = ends[number] - len(texts[number])
+        start = starts[number]
         text = "".join(line + "\n" for line in updated(shown))
         before, after = texts[number][: shown.start - start], texts[number][shown.end - start :]
         texts[number] = before + text + after
