@@ -107,7 +107,7 @@ void plan_step(const double* missing, const double* state, const double* input, 
     }
     for (int i = 0; i < kInputs; ++i) command(i) = each(input[i], kStates + i);
     const Vector3<T> pushed = push.template cast<T>();
-    return drivenStep<T>(dynamics, T(0.0), body, command, 1, pushed, step, nullptr);
+    return drivenStep<T>(dynamics, T(0.0), body, command, {1.0, std::nullopt}, pushed, step, nullptr);
   };
   if (!derivatives) {
     const RigidState<double> after = move(plain, 0.0, [](double x, int) { return x; });
