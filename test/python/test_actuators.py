@@ -9,7 +9,9 @@ from conftest import MODEL, ROOT, identify
 from ground import _core
 from ground.analysis import diagnosis
 from ground.checks import suspicions
+from ground.data.measured import Part, measured
 from ground.effect_library import candidates
+from ground.support.progress import Work
 
 CRAFTS = ROOT / "cfg" / "craft"
 ONE_FAN = CRAFTS / "one_fan_rudder.yaml"
@@ -83,6 +85,19 @@ def test_a_diagnosis_names_the_memory_of_thrusters(effect):
     for name, value in MEMORY[effect].items():
         low, high = found.report["improved"]["parameters"]["%s.%s" % (effect, name)]["ci95"]
         assert low < value < high, name
+
+
+def test_one_lag_is_named_although_two_were_added_beside_it():
+    """Commands that a busy computer sends late make two lags a little likelier."""
+    given = ground.Model.load(MODEL)
+    run = ground.simulate(given.with_effect("motor_lag", tau=0.05), "multilevel-prbs", seed=1, duration=10)
+    lags = [c for c in candidates.library(given.core) if c.name in ("motor_lag", "motor_rise_fall")]
+    runs = measured([run], given, Part(), Work()).data
+    found = diagnosis.StepwiseDiagnosis(runs, given.core, lags)
+    both = frozenset()
+    for name in ("motor_lag", "motor_rise_fall"):
+        both = found.search.beside(both, name)
+    assert found._simplest(both) == {"motor_lag"}
 
 
 def test_nothing_is_suspected_of_channels_that_are_angles(model):

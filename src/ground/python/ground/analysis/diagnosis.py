@@ -239,9 +239,9 @@ class StepwiseDiagnosis:
         clocks that err by different times make a lag that rises and falls in different times likelier."""
         for name in sorted(found):
             inner = self.search.candidates[name].contains
-            if inner in self.search.candidates and inner not in found:
-                simpler = self.search.beside(self.search.without(found, name), inner)
-                fits = self.search.fits
+            if inner in self.search.candidates:
+                rest, fits = self.search.without(found, name), self.search.fits
+                simpler = rest if inner in rest else self.search.beside(rest, inner)
                 if simpler and not self.matter(fits[simpler].model, fits[found].model):
                     found = simpler
         return found
