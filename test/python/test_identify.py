@@ -97,6 +97,26 @@ def test_fit_finds_the_parameters(tmp_path, bag, guess):
     fails(identify("compare", bag, "--model", guess, "-o", folder), "exists")
 
 
+def test_spans_of_runs_are_left_out_or_refused(tmp_path, guess):
+    bag, other = (write_bag(tmp_path / ("run%d.bag" % s), seed=s) for s in (1, 20))
+    out = tmp_path / "f.yaml"
+
+    def fit(*spans):
+        command = ["fit", bag, "--model", guess, "--holdout", other, "-o", out, "--force", "--json"]
+        return identify(*command, "--leave-out", *spans)
+
+    whole, part, held = fit("run1=90,95"), fit("run1=2,4"), fit("run20=2,4")
+    fitted = [json.loads(one.stdout)["error"] for one in (whole, part, held)]
+    assert fitted[1]["after"] != fitted[0]["after"] == fitted[2]["after"]
+    assert fitted[2]["holdout"] != fitted[0]["holdout"]
+    fails(fit("run2=2,4"), "no run run2")
+    for wrong in ("run1=4,2", "run1", "=2,4", "run1=2"):
+        refused = fit(wrong)
+        assert refused.returncode == 2 and "FROM before TO" in refused.stderr
+    history = identify("history", tmp_path, "--model", guess, "-o", tmp_path / "h", "--leave-out", "run1=2,4")
+    assert history.returncode == 2 and "whole runs" in history.stderr
+
+
 def test_fit_reports_agreement_of_runs_and_held_out_errors(tmp_path, guess):
     bags = [write_bag(tmp_path / ("run%d.bag" % s), seed=s) for s in (1, 20, 300)]
     # One run is of another craft with a larger inertia.

@@ -147,7 +147,7 @@ class LivePilot : public Driver {
     gate_.tick(instant);
     if (arm())
       life_->tick(instant);
-    else if (life_->current() == Stage::kWaiting &&
+    else if (!armed_ && life_->current() == Stage::kWaiting &&
              seen_.problem(instant, params_.link.state_timeout).empty())
       life_->stop(instant, "the sender cannot be armed: " + unarmed_);
     report();

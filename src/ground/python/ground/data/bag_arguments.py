@@ -14,6 +14,7 @@ from ground.reading.recording import Recording
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.command_line import number, option, positive
+from ground.support.errors import GroundError
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,12 @@ def add_reading_arguments(parser: "argparse._ActionsContainer") -> None:
 def _span(text: str) -> Tuple[str, Tuple[float, float]]:
     """RUN=FROM,TO."""
     name, _, times = text.rpartition("=")
-    start, end = map(float, times.split(","))
+    try:
+        start, end = map(float, times.split(","))
+    except ValueError:
+        start, end = 0.0, 0.0
+    if not (name and start < end):
+        raise argparse.ArgumentTypeError("'%s' is not RUN=FROM,TO with FROM before TO [s]" % text)
     return name, (start, end)
 
 
@@ -123,11 +129,20 @@ def reading_options(arguments: argparse.Namespace) -> Document:
 
 
 def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:
-    """The recordings in the bags, read when the first one is asked for."""
-    given = mapping_of(arguments)
+    """The recordings in the bags, read when the first one is asked for; of runs to hold out, after the
+    others. GroundError where a span is to be left out of a run that is not among them."""
+    given, named = mapping_of(arguments), {name for name, _ in arguments.leave_out}
+    met = vars(arguments).setdefault("runs_met", set())
     for run in reader.reading(bags, given, arguments.work):
+        met.add(run.name)
         spans = [span for name, span in arguments.leave_out if name == run.name]
         yield run.without(*spans) if spans else run
+    held_out = getattr(arguments, "holdout", None)
+    if named - met and (not held_out or bags is held_out):
+        raise GroundError(
+            "--leave-out: there is no run %s; runs: %s"
+            % (" and no run ".join(sorted(named - met)), ", ".join(sorted(met)))
+        )
 
 
 def read(arguments: argparse.Namespace) -> List[Recording]:

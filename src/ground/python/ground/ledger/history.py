@@ -22,7 +22,7 @@ from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Document, Path
 from ground.support.command_line import option
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, OptionError
 from ground.support.progress import Progress, Work
 from ground.support.results import distinct_labels
 from ground.support.workers import Workers
@@ -221,6 +221,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs identify history; returns what --json prints."""
+    if arguments.leave_out:
+        raise OptionError("{0}: a history takes whole runs", "leave_out")
     with result_folder.kept_if_used(arguments.output):
         prepare(arguments.output, arguments.force)
         found = history(
