@@ -214,7 +214,9 @@ class Sender : public Shell {
     remark_ = remark;
     auto_arm_ = false;
     if (request.data) {
-      const std::string problem = gate_->link(now()).arm(steadyNow(), remark_);
+      // A drive that begins now would begin at 0, and its time would jump when the clock starts.
+      const std::string problem = ros::Time::now().isZero() ? "the simulated clock has not started"
+                                                            : gate_->link(now()).arm(steadyNow(), remark_);
       response.success = problem.empty();
       response.message = problem.empty() ? "armed" : "not armed: " + problem;
       if (problem.empty() && !remark_.empty()) response.message += "; " + remark_;
@@ -257,7 +259,7 @@ class Sender : public Shell {
           report(telemetry);
       }
       gate_->tick(at);
-      if (auto_arm_ && link.arm(at.steady, remark_).empty()) auto_arm_ = false;
+      if (auto_arm_ && at.time > 0 && link.arm(at.steady, remark_).empty()) auto_arm_ = false;
       wait = std::clamp(link.nextPacket() - at.steady, 0.0, kTick);
       collect();
       if (at.steady >= next_status_) reportStatus();

@@ -27,7 +27,7 @@ namespace ground {
 /// serialises the calls. Only the gate may pass states, commands and jumps of time to its link.
 class SenderGate {
  public:
-  /// As those of GroundLink.
+  /// Parameters, address of the craft, and function that sends a packet: see GroundLink.
   SenderGate(const GroundLinkParams& params, const UdpAddress& peer, GroundLink::Send send,
              ThrusterLayoutPtr layout);
   SenderGate(const SenderGate&) = delete;

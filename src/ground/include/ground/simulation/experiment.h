@@ -109,7 +109,7 @@ struct ExperimentLog {
   };
 
   std::vector<MocapFrame> frames;     ///< in the order of delivery; psi in (-pi, pi]
-  std::vector<Command> commands;      ///< those of the controller, or of the schedule
+  std::vector<Command> commands;      ///< what the controller or the schedule asks for
   std::vector<Command> sent;          ///< what has left for the craft; empty if there is no sender
   std::vector<Truth> truth;           ///< at every frame's capture, including lost frames
   std::vector<Reference> references;  ///< only when tracking
