@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 
+import psutil
 import pytest
 
 import ground
@@ -619,7 +620,6 @@ def test_a_killed_server_loses_nothing(bags, tmp_path):
 
 def browsers_killed(bags, folder, times):
     """Kills the browser while its page works, and checks that the next one shows what was done."""
-    psutil = pytest.importorskip("psutil")
     bench, chance = Bench(bags[:2], [], folder), random.Random(2)
     for i in range(times):
         browser = started_browser()
