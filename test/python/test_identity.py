@@ -95,9 +95,9 @@ def test_a_run_is_not_taken_twice(twin):
 def test_a_run_is_not_tested_on_what_it_was_fitted_to(here, twin):
     runs = ["train/run1.bag", "test/run1.bag"]
     for verb in (ground.fit, ground.diagnose, lambda *a, **o: ground.add(a[0], "wind", a[1], **o)):
-        refused(lambda verb=verb: verb(MODEL, runs, holdout=twin), "hold out", "train/run1.bag")
+        refused(lambda verb=verb: verb(MODEL, runs, holdout=twin), "holdout", "train/run1.bag")
     result = identify("fit", *runs, "--holdout", twin, "--model", MODEL, "-o", here / "no.yaml")
-    assert result.returncode == 1 and "hold out" in result.stderr
+    assert result.returncode == 1 and "holdout" in result.stderr
     assert result.stderr.count("\n") == 1
 
 
@@ -123,7 +123,7 @@ commands: {time: {field: t}, channels: {left: {field: left}, right: {field: righ
     (tmp_path / "other.yaml").write_text(mapping % ("y", "x"))
     one, other = [ground.read(table, mapping=tmp_path / name)[0] for name in ("one.yaml", "other.yaml")]
     assert one.identity == other.identity != run.identity
-    refused(lambda: ground.fit(MODEL, one, holdout=other), "hold out")
+    refused(lambda: ground.fit(MODEL, one, holdout=other), "holdout")
 
 
 # Recordings in memory
@@ -136,7 +136,7 @@ def test_simulated_runs_of_the_default_name_are_different_runs(tmp_path):
     roles = [run.studies[0]["role"] for run in compared.runs]
     assert roles == ["fit", "held_out"] and len(set(names_of(compared.runs))) == 2
     again = ground.simulate(MODEL, duration=6, seed=1, name="again")
-    refused(lambda: ground.fit(MODEL, one, holdout=again), "hold out")
+    refused(lambda: ground.fit(MODEL, one, holdout=again), "holdout")
     refused(lambda: ground.compare(MODEL, [one, one]), "twice")
     one.save(tmp_path / "saved.bag")
     assert ground.read(tmp_path / "saved.bag")[0].identity == one.identity

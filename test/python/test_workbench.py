@@ -1,5 +1,6 @@
 """The workbench: its story in a browser, what it refuses, and what it survives."""
 
+import contextlib
 import http.client
 import json
 import os
@@ -540,9 +541,8 @@ def test_the_page_needs_the_secret_and_has_no_other_files(bench):
     for path in ("../../etc/passwd", "..%2f..%2fetc/passwd", "page.html", "server.py", "work.jsonl"):
         assert bench.ask("%s?token=%s" % (path, bench.token), method="GET")[0] == 404
     assert "ssh -L %d:127.0.0.1:%d" % (bench.port, bench.port) in bench.ssh
-    connections = subprocess.run(["ss", "-ltn"], stdout=subprocess.PIPE, universal_newlines=True).stdout
-    own = [line for line in connections.splitlines() if ":%d " % bench.port in line]
-    assert own and all("127.0.0.1:%d" % bench.port in line for line in own)
+    own = [c.laddr for c in psutil.Process(bench.process.pid).connections() if c.status == psutil.CONN_LISTEN]
+    assert own == [("127.0.0.1", bench.port)]
 
 
 @pytest.mark.parametrize(
@@ -631,7 +631,8 @@ def browsers_killed(bags, folder, times):
         time.sleep(chance.uniform(0, 1.5))
         driver = psutil.Process(browser.service.process.pid)
         for process in [*driver.children(recursive=True), driver]:
-            process.kill()
+            with contextlib.suppress(psutil.NoSuchProcess):  # it ended with the one before it
+                process.kill()
         kept = {node["id"]: node["what"] for node in bench.state()["nodes"]}
         assert all(kept[node["id"]] for node in nodes) and "k %.4g" % (0.05 + 0.001 * i) in kept.values()
     bench.end()
