@@ -91,7 +91,7 @@ def _ceiling(found, conclusion):
     if formula:
         tested = conclusion.tested
         kept = (
-            float(HeldOutRuns(found, tested).error(formula.fit).sum())
+            float(HeldOutRuns(found, tested).error(formula.fit.model, formula.fit).sum())
             if tested
             else float(found.folds.judge(formula.fit).heldout.sum())
         )
