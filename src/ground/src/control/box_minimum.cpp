@@ -3,14 +3,9 @@
 #include <cmath>
 
 namespace ground {
-namespace {
 
-using RowVector = Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, kMaxThrusters>;
-
-}  // namespace
-
-bool BoxMinimum::solve(const Square& H, const PerThruster& g, const PerThruster& low,
-                       const PerThruster& high) {
+template <int kCount>
+bool BoxMinimumOf<kCount>::solve(const Square& H, const Vector& g, const Vector& low, const Vector& high) {
   if (!factor(H)) return false;
   unbounded_ = -g;
   solveFactored(unbounded_.transpose());
@@ -26,7 +21,8 @@ bool BoxMinimum::solve(const Square& H, const PerThruster& g, const PerThruster&
 }
 
 /// Cholesky factorisation of H; returns false if H is not positive definite.
-bool BoxMinimum::factor(const Square& H) {
+template <int kCount>
+bool BoxMinimumOf<kCount>::factor(const Square& H) {
   L_ = H;
   const Eigen::Index n = H.cols();
   for (Eigen::Index j = 0; j < n; ++j) {
@@ -40,7 +36,8 @@ bool BoxMinimum::factor(const Square& H) {
 }
 
 /// Factorises H with the rows and columns of elements at a bound replaced by those of the identity.
-void BoxMinimum::factorFree(const Square& H) {
+template <int kCount>
+void BoxMinimumOf<kCount>::factorFree(const Square& H) {
   Square masked = H;
   for (Eigen::Index i = 0; i < free_.size(); ++i) {
     if (free_(i)) continue;
@@ -53,11 +50,12 @@ void BoxMinimum::factorFree(const Square& H) {
 
 /// Moves the free elements towards their minimum, up to the first bound, which becomes active.
 /// Returns whether they reached the minimum.
-bool BoxMinimum::moveFree(const Square& H, const PerThruster& g, const PerThruster& low,
-                          const PerThruster& high) {
+template <int kCount>
+bool BoxMinimumOf<kCount>::moveFree(const Square& H, const Vector& g, const Vector& low, const Vector& high) {
   factorFree(H);
-  const PerThruster slope = g + H * minimum_;
-  const PerThruster step = -solveFree(RowVector(slope.transpose())).transpose();
+  const Vector slope = g + H * minimum_;
+  const Vector step =
+      -solveFree(Eigen::Matrix<double, 1, kCount, Eigen::RowMajor, 1, kMost>(slope.transpose())).transpose();
   double length = 1;
   Eigen::Index first = -1;
   for (Eigen::Index i = 0; i < step.size(); ++i) {
@@ -75,10 +73,10 @@ bool BoxMinimum::moveFree(const Square& H, const PerThruster& g, const PerThrust
 }
 
 /// Frees the element whose bound costs most; returns whether there is one.
-bool BoxMinimum::release(const Square& H, const PerThruster& g, const PerThruster& low,
-                         const PerThruster& high) {
+template <int kCount>
+bool BoxMinimumOf<kCount>::release(const Square& H, const Vector& g, const Vector& low, const Vector& high) {
   constexpr double kRounding = 1e-14;  // relative
-  const PerThruster slope = g + H * minimum_;
+  const Vector slope = g + H * minimum_;
   Eigen::Index most = -1;
   double largest = 0;
   for (Eigen::Index i = 0; i < slope.size(); ++i) {
@@ -94,5 +92,8 @@ bool BoxMinimum::release(const Square& H, const PerThruster& g, const PerThruste
   free_(most) = true;
   return true;
 }
+
+template class BoxMinimumOf<2>;
+template class BoxMinimumOf<Eigen::Dynamic>;
 
 }  // namespace ground

@@ -229,37 +229,41 @@ void TrajectoryOptimizer::linearize(std::size_t i) {
 
 /// The backward pass for the first kSize states, in the paper's symbols. Returns false if the
 /// quadratic problem has no minimum.
-template <int kSize>
+template <int kSize, int kInputs>
 bool TrajectoryOptimizer::backwardPass() {
+  using Box = BoxMinimumOf<kInputs>;
   using Vector = Eigen::Matrix<double, kSize, 1>;
   using States = Eigen::Matrix<double, kSize, kSize>;
-  using ByInputs = Eigen::Matrix<double, kSize, Eigen::Dynamic, 0, kSize, kMaxThrusters>;
+  using Input = typename Box::Vector;
+  using ByInputs = Eigen::Matrix<double, kSize, kInputs, 0, kSize, Input::MaxRowsAtCompileTime>;
+  Box box;
   const double scale = 1 / (input_max_ * input_max_);
   Vector Vx = Vector::Zero();
   States Vxx = States::Zero();
-  BoxMinimum::Square luu = weights_.turning * levers_ * levers_.transpose();
+  typename Box::Square luu = weights_.turning * levers_ * levers_.transpose();
   luu.diagonal().array() += weights_.input;
   luu *= 2 * step_ * scale;
   for (std::size_t i = stages_.size(); i-- > 0;) {
     Stage& stage = stages_[i];
     const States fx = stage.fx.topLeftCorner<kSize, kSize>(), fxT = fx.transpose();
-    const ByInputs fu = stage.fu.topRows<kSize>();
-    const PerThruster u = asVector(plan_.inputs[i]);
+    const ByInputs fu = stage.fu.template topRows<kSize>();
+    const Input u = asVector(plan_.inputs[i]);
     const CostDerivatives cost = stateCostDerivatives(i);
     Vx.template head<5>() += cost.gradient;
     Vxx.template topLeftCorner<5, 5>() += cost.curvature;
     // (5); Qxu is Qux transposed
     const ByInputs Vxx_fu = times(Vxx, fu);
-    const PerThruster Qu = luu * u + fu.transpose() * Vx;
-    const BoxMinimum::Square Quu = luu + fu.transpose().lazyProduct(Vxx_fu);
+    const Input Qu = luu * u + fu.transpose() * Vx;
+    const typename Box::Square Quu = luu + fu.transpose().lazyProduct(Vxx_fu);
     const ByInputs Qxu = times(fxT, Vxx_fu);
-    BoxMinimum::Square damped = Quu;
+    typename Box::Square damped = Quu;
     damped.diagonal().array() += damping_ * scale;
-    if (!box_.solve(damped, Qu, low_ - u, high_ - u)) return false;
-    const PerThruster& k = stage.k = box_.minimum();
-    const ByInputs KT = -box_.solveFree(Qxu);
+    if (!box.solve(damped, Qu, low_ - u, high_ - u)) return false;
+    const Input& k = box.minimum();
+    stage.k = k;
+    const ByInputs KT = -box.solveFree(Qxu);
     stage.K.topRows<kSize>() = KT;
-    if (i == 0) asVector(unbounded_) = u + box_.unbounded();
+    if (i == 0) asVector(unbounded_) = u + box.unbounded();
     // (6), with the damping in k and K only
     Vx = (times(fxT, Vx) + KT * (Quu * k + Qu) + Qxu * k).eval();
     Vxx = times(fxT, times(Vxx, fx));
@@ -312,7 +316,9 @@ double TrajectoryOptimizer::warmStart(double shift) {
 bool TrajectoryOptimizer::improve() {
   for (std::size_t i = 0; i < stages_.size() && !is_linear_; ++i) linearize(i);
   is_linear_ = true;
-  if (count_ == 6 ? backwardPass<6>() : backwardPass<kStates>()) {
+  const bool is_pair = low_.size() == 2;
+  if (count_ == 6 ? (is_pair ? backwardPass<6, 2>() : backwardPass<6, Eigen::Dynamic>())
+                  : backwardPass<kStates, Eigen::Dynamic>()) {
     has_gains_ = true;
     for (const double length : kLengths) {
       const double cost =

@@ -10,20 +10,25 @@ namespace ground {
 using PerThruster = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxThrusters, 1>;
 
 /// Minimises g' d + d' H d / 2 for low <= d <= high, with a positive definite H: a primal active
-/// set (Nocedal and Wright, Numerical Optimization, 2nd ed., 16.5). It allocates no memory.
-class BoxMinimum {
+/// set (Nocedal and Wright, Numerical Optimization, 2nd ed., 16.5). It allocates no memory. For
+/// kCount elements: a pair, which the compiler then unrolls, or Eigen::Dynamic.
+template <int kCount>
+class BoxMinimumOf {
+  static constexpr int kMost = kCount == Eigen::Dynamic ? kMaxThrusters : kCount;
+
  public:
-  using Square = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxThrusters, kMaxThrusters>;
-  using Flags = Eigen::Matrix<bool, Eigen::Dynamic, 1, 0, kMaxThrusters, 1>;
+  using Vector = Eigen::Matrix<double, kCount, 1, 0, kMost, 1>;
+  using Square = Eigen::Matrix<double, kCount, kCount, 0, kMost, kMost>;
+  using Flags = Eigen::Matrix<bool, kCount, 1, 0, kMost, 1>;
 
   /// Solves; returns false, without a result, if H is not positive definite. Low must not be above
   /// high.
-  bool solve(const Square& H, const PerThruster& g, const PerThruster& low, const PerThruster& high);
+  bool solve(const Square& H, const Vector& g, const Vector& low, const Vector& high);
 
   /// The minimum inside the box.
-  const PerThruster& minimum() const { return minimum_; }
+  const Vector& minimum() const { return minimum_; }
   /// The minimum without bounds.
-  const PerThruster& unbounded() const { return unbounded_; }
+  const Vector& unbounded() const { return unbounded_; }
   /// Which elements of the minimum are not at a bound.
   const Flags& free() const { return free_; }
   /// Solves X_f H_ff = G_f for the free elements f, each row of G by itself; the others are zero.
@@ -50,12 +55,17 @@ class BoxMinimum {
     }
   }
   void factorFree(const Square& H);
-  bool moveFree(const Square& H, const PerThruster& g, const PerThruster& low, const PerThruster& high);
-  bool release(const Square& H, const PerThruster& g, const PerThruster& low, const PerThruster& high);
+  bool moveFree(const Square& H, const Vector& g, const Vector& low, const Vector& high);
+  bool release(const Square& H, const Vector& g, const Vector& low, const Vector& high);
 
   Square L_;  ///< Cholesky factor of H or of its free part
-  PerThruster unbounded_, minimum_;
+  Vector unbounded_, minimum_;
   Flags free_;
 };
+
+using BoxMinimum = BoxMinimumOf<Eigen::Dynamic>;
+
+extern template class BoxMinimumOf<2>;
+extern template class BoxMinimumOf<Eigen::Dynamic>;
 
 }  // namespace ground

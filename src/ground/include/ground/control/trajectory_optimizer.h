@@ -95,7 +95,7 @@ class TrajectoryOptimizer {
   double simulate(double limit, const Policy& policy);
   void accept(double cost);
   void linearize(std::size_t i);
-  template <int kSize>
+  template <int kSize, int kInputs>
   bool backwardPass();
   Thrusters<double> withFeedback(std::size_t i, double length, const State& state) const;
   void shiftPlan(double shift);
@@ -118,7 +118,6 @@ class TrajectoryOptimizer {
   std::vector<ReferencePoint> references_;
   Trajectory plan_, tried_;
   std::vector<Stage> stages_;
-  BoxMinimum box_;
   double cost_ = 0;
   bool is_linear_ = false;  ///< whether the derivatives are those of the plan
   bool has_gains_ = false;  ///< whether the gains are those of the plan
