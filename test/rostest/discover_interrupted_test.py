@@ -5,18 +5,15 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 
+import harness
 import roslib.packages
 import rospy
 import rostest
+from discovery_case import DiscoveryCase, thrust
 from ground_msgs.msg import ControllerStatus, SenderStatus
 from std_srvs.srv import Trigger
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
-from discovery_case import DiscoveryCase, thrust
 
 LIMIT = 0.3  # longest thrust after a fault [s]
 PROGRAM = roslib.packages.find_node("ground", "discover")[0]

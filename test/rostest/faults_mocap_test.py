@@ -18,7 +18,6 @@ from ground_msgs.msg import ControllerStatus, MocapFrame, SenderStatus, State
 from rosgraph_msgs.msg import Log
 from std_srvs.srv import SetBool, Trigger
 
-sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 sys.path.insert(1, os.path.dirname(sys.path[0]))
 import harness
 import requirements

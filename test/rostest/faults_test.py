@@ -18,7 +18,6 @@ from geometry_msgs.msg import PoseStamped, Quaternion
 from ground_msgs.msg import ControllerStatus, Controls, Reference, SenderStatus, State
 from std_srvs.srv import SetBool, Trigger
 
-sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 sys.path.insert(1, os.path.dirname(sys.path[0]))
 import harness
 import requirements

@@ -5,12 +5,12 @@ import math
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 import unittest
 from xmlrpc.client import ServerProxy
 
+import harness
 import rosgraph
 import rosnode
 import rospy
@@ -32,9 +32,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 import ground
 from ground import _core
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 MODEL = os.path.join(HERE, "..", "..", "cfg", "hovercraft", "tiny_whoover.yaml")

@@ -5,22 +5,19 @@ controller, and a loss of the mocap. Loading of files never blocks the sender.""
 import math
 import os
 import shutil
-import sys
 import tempfile
 import threading
 import time
 import unittest
 
 import dynamic_reconfigure.client
+import harness
 import numpy as np
 import rospy
 import rostest
 from ground_msgs.msg import ControllerStatus, Controls, Reference, SenderStatus, State
 from ground_msgs.srv import LoadModel
 from std_srvs.srv import SetBool, Trigger
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 S = ControllerStatus
 TILTED = os.path.join(os.path.dirname(os.path.abspath(__file__)), "tilted_craft.yaml")

@@ -1,19 +1,15 @@
 #!/usr/bin/python3
 """From the poses of a mocap to the packets on the wire, all nodelets in one manager."""
 
-import os
-import sys
 import time
 import unittest
 
+import harness
 import rospy
 import rostest
+from fake_craft import FakeCraft, is_zero
 from ground_msgs.msg import ControllerStatus, SenderStatus
 from std_srvs.srv import SetBool, Trigger
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
-from fake_craft import FakeCraft, is_zero
 
 from ground import _core
 
