@@ -76,7 +76,7 @@ def steps(table):
 
 
 def fit(table, peers):
-    command = [os.path.join(HERE, "fit_speed.py"), "--json"]
+    command = [os.path.join(HERE, "fit_speed.py")]
     times = json.loads(run(*command, *(["--peers", peers] if peers else [])))
     ours = np.median(times["ground"])
     for name, seconds in times.items():
