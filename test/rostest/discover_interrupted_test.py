@@ -95,9 +95,7 @@ class InterruptedTest(DiscoveryCase):
         self.end()
         harness.wait_for(lambda: not self.recorders(), 20, "the end of the recorder")
         self.begin()
-        harness.wait_for(
-            lambda: self.controller.message.state == ControllerStatus.STOPPED, 60, "a stop at the start"
-        )
+        harness.wait_for_state(self.controller, ControllerStatus.STOPPED, 60)
         self.wait_until_it_drives()
 
     def stopped_by_hand(self):

@@ -30,9 +30,7 @@ class RoomAxesTest(unittest.TestCase):
         )
         start = rospy.ServiceProxy("controller/start", Trigger)()
         self.assertTrue(start.success, start.message)
-        harness.wait_for(
-            lambda: status.message.state == ControllerStatus.STOPPED, 20, "the controller's stop"
-        )
+        harness.wait_for_state(status, ControllerStatus.STOPPED, 20)
         rospy.sleep(REST)
         self.assertTrue(any(m.left > 0 for _, m in controls.all))
         farthest = max(max(abs(m.eta[0]), abs(m.eta[1])) for _, m in truth.all)

@@ -38,11 +38,7 @@ class TrackingLoopTest(unittest.TestCase):
         harness.wait_for(lambda: not rospy.Time.now().is_zero(), 20, "the clock")
 
     def expect(self, name, state, timeout=30):
-        harness.wait_for(
-            lambda: self.status[name].message and self.status[name].message.state == state,
-            timeout,
-            "%s in state %d" % (name, state),
-        )
+        harness.wait_for_state(self.status[name], state, timeout)
 
     def start(self, name):
         rospy.wait_for_service(name + "/start", 20)

@@ -33,9 +33,7 @@ class WireTest(unittest.TestCase):
         self.craft.close()
 
     def expect(self, state, timeout):
-        harness.wait_for(
-            lambda: self.status.message and self.status.message.state == state, timeout, str(state)
-        )
+        harness.wait_for_state(self.status, state, timeout)
 
     def test_bits_on_the_wire_then_loss_of_the_mocap(self):
         self.assertTrue(self.start().success)
