@@ -76,7 +76,7 @@ def steps(table):
 
 
 def fit(table, peers):
-    command = [os.path.join(HERE, "fit_speed.py"), "--json"]
+    command = [os.path.join(HERE, "fit_speed.py")]
     times = json.loads(run(*command, *(["--peers", peers] if peers else [])))
     ours = np.median(times["ground"])
     for name, seconds in times.items():
@@ -182,23 +182,6 @@ def busy(count):
             hog.wait()
 
 
-def commands(table):
-    """What a person waits for: short recordings, and the sizes that have goals."""
-    import tempfile
-
-    import commands as verbs
-
-    with tempfile.TemporaryDirectory() as folder:
-        for size, names in (("30s", ("info", "fit", "compare", "diagnose")), ("1h", ("fit",))):
-            for name in names:
-                verbs.make(size, folder)
-                arguments, goal = verbs.commands(size, folder)[name], verbs.GOALS.get((name, size))
-                found = verbs.measure(arguments, 300)
-                table.add("identify %s on %s" % (name, size), found["seconds"] or 300, "s",
-                          goal and goal[0], "%.0f MB" % found["MB"])  # fmt: skip
-                verbs.forget(folder)
-
-
 def machine():
     with open("/proc/cpuinfo") as info:
         names = [line.split(":")[1].strip() for line in info if line.startswith("model name")]
@@ -236,7 +219,6 @@ def main():
 PARTS = {
     "steps": steps, "fit": fit, "screening": screening, "waits": waits,
     "simulation": simulation, "controllers": controllers, "plans": plans, "latency": latency,
-    "commands": commands,
 }  # fmt: skip
 
 if __name__ == "__main__":

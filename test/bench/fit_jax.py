@@ -6,7 +6,6 @@ without returns to Python.
 """
 
 import sys
-import time
 
 import jax
 import jax.numpy as jnp
@@ -131,13 +130,5 @@ def make_fit(problem):
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
     problem = fit_problem.Problem(sys.argv[1])
-    begin = time.perf_counter()
     compiled = make_fit(problem).lower(jnp.asarray(problem.x0)).compile()
-    build = time.perf_counter() - begin
-    fit_problem.repeat(
-        lambda problem: np.asarray(compiled(problem.x0)),
-        problem,
-        sys.argv[2],
-        build=build,
-        versions="JAX %s, numpy %s" % (jax.__version__, np.__version__),
-    )
+    fit_problem.repeat(lambda problem: np.asarray(compiled(problem.x0)), problem, sys.argv[2])

@@ -42,12 +42,12 @@ class Problem:
         return 2 * 1.4826 * np.median(np.abs(residuals))
 
 
-def repeat(fit, problem, path, **facts):
-    """Times `fit(problem) -> x` and writes parameters, times [s] and facts to an .npz file."""
+def repeat(fit, problem, path):
+    """Times `fit(problem) -> x` and writes parameters and times [s] to an .npz file."""
     fit(problem)
     times = []
     while len(times) < 7:
         begin = time.perf_counter()
         x = fit(problem)
         times.append(time.perf_counter() - begin)
-    np.savez(path, theta=problem.split(x)[0], times=times, **facts)
+    np.savez(path, theta=problem.split(x)[0], times=times)

@@ -4,7 +4,6 @@
 import sys
 
 import numpy as np
-import scipy
 from scipy.optimize import least_squares
 
 import fit_problem
@@ -105,9 +104,4 @@ def fit(problem):
 
 
 if __name__ == "__main__":
-    fit_problem.repeat(
-        fit,
-        fit_problem.Problem(sys.argv[1]),
-        sys.argv[2],
-        versions="numpy %s, scipy %s" % (np.__version__, scipy.__version__),
-    )
+    fit_problem.repeat(fit, fit_problem.Problem(sys.argv[1]), sys.argv[2])

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Times of a fit by ground, scipy over vectorised numpy, and JAX, on the same artificial data.
+"""Times [s] of a fit by ground, scipy over vectorised numpy, and JAX, on the same artificial data, as JSON.
 
 Nine runs of 4 s, PRBS {0, 1} at 20 Hz, 100 Hz samples, RK4 with h = 0.005 s, five parameters from
 0.2 each and nine initial velocities. Each contender runs on one core, in the interpreter that has it;
@@ -60,14 +60,14 @@ def fit_core(runs, model):
 
 
 def fit_elsewhere(python, script, data, folder):
-    """Times [s], parameters and facts of a contender. Raises CalledProcessError if it fails."""
+    """Times [s] and parameters of a contender. Raises CalledProcessError if it fails."""
     result = os.path.join(folder, "result.npz")
     environment = dict(os.environ, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
     environment.pop("PYTHONPATH", None)  # holds ROS modules for the system's Python
     command = [python, os.path.join(HERE, script), data, result]
     subprocess.run(command, check=True, env=environment, cwd=folder)
     with np.load(result) as found:
-        return dict(found)
+        return found["times"], found["theta"]
 
 
 def save(path, runs, inputs, start):
@@ -84,51 +84,31 @@ def save(path, runs, inputs, start):
 
 
 def contest(peers):
-    """Rows (name, times [s], parameters) of the contenders, and notes to print."""
+    """Rows (name, times [s], parameters) of the contenders."""
     model = os.path.join(HERE, "../../cfg/hovercraft/tiny_whoover.yaml")
     start = make_model(model, START)
     runs, inputs = make_runs(make_model(model, TRUTH))
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {max(cores)})
-    rows, notes = [("ground", *fit_core(runs, start))], []
+    rows = [("ground", *fit_core(runs, start))]
     with tempfile.TemporaryDirectory() as folder:
         data = os.path.join(folder, "data.npz")
         save(data, runs, inputs, start)
-        found = fit_elsewhere("/usr/bin/python3", "fit_scipy.py", data, folder)
-        rows.append(("scipy over numpy", found["times"], found["theta"]))
-        notes.append("scipy over numpy: %s" % found["versions"])
+        rows.append(("scipy over numpy", *fit_elsewhere("/usr/bin/python3", "fit_scipy.py", data, folder)))
         if peers:
-            found = fit_elsewhere(os.path.abspath(peers), "fit_jax.py", data, folder)
-            rows.append(("JAX, jitted", found["times"], found["theta"]))
-            note = "JAX: %s; set up in %.2f s, which is not counted"
-            notes.append(note % (found["versions"], found["build"]))
+            python = os.path.abspath(peers)
+            rows.append(("JAX, jitted", *fit_elsewhere(python, "fit_jax.py", data, folder)))
     os.sched_setaffinity(0, cores)
     if len(cores) > 1:
         rows.append(("ground, %d cores" % len(cores), *fit_core(runs, start)))
-    return rows, notes
+    return rows
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--peers", metavar="PYTHON", help="interpreter of JAX, if any")
-    parser.add_argument("--json", action="store_true", help="print name and times [s] of each")
-    arguments = parser.parse_args()
-    rows, notes = contest(arguments.peers)
-    ours = np.median(rows[0][1])
-    if arguments.json:
-        print(json.dumps({name: list(map(float, times)) for name, times, _ in rows}))
-        return agreement(rows)
-    print("Fit of nine runs of 4 s, h = 0.005 s, 5 parameters from 0.2 and 9 initial velocities;")
-    print("one core unless stated otherwise, %d fits each:" % len(rows[0][1]))
-    print("%-22s %10s %18s %8s" % ("", "median", "least to most", "ratio"))
-    for name, times, _ in rows:
-        ms = 1e3 * np.array(times)
-        print(
-            "%-22s %7.1f ms %7.1f - %5.1f ms %8.1f"
-            % (name, np.median(ms), ms.min(), ms.max(), np.median(times) / ours)
-        )
-    print("ground's times include 95% intervals, the others' do not.")
-    print("\n".join(notes))
+    rows = contest(parser.parse_args().peers)
+    print(json.dumps({name: list(map(float, times)) for name, times, _ in rows}))
     return agreement(rows)
 
 

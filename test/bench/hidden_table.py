@@ -7,6 +7,7 @@ from scipy import stats
 
 import hidden_craft
 import hidden_score as score
+import shares
 
 NAMELESS = ("nameless", "local")
 ALL_NULLS = ("null", "disturbed_null", "noise_null", "odd_noise", "trim")
@@ -103,8 +104,7 @@ def _body(result):
 def rate(answers):
     """Number of yes, number of answers, and the share's 95% interval (Clopper and Pearson 1934)."""
     yes, count = sum(answers), len(answers)
-    interval = stats.binomtest(yes, count).proportion_ci(0.95, method="exact")
-    return yes, count, interval.low, interval.high
+    return (yes, count, *shares.interval(yes, count))
 
 
 def is_held(bound, yes, count):

@@ -11,7 +11,7 @@ pool     each run is estimated once, from its poses. A history is 30 of these ru
 whole    histories that fly anew with the true thrust of each run, and go through files and the verb.
 speed    the verb on 200 runs, without a cache and again.
 
-Prints a line for each, with 95% intervals (Wilson 1927). Cases follow from their seeds.
+Prints a line for each, with 95% intervals (Clopper and Pearson 1934). Cases follow from their seeds.
 """
 
 import argparse
@@ -153,7 +153,7 @@ def changed_down(changes):
 
 
 def report(name, falling, flat):
-    count = max(1, len(falling))
+    count = len(falling)
     print("%s: 5%% fall of k found as a drift: %s" % (name, share(sum(map(falls, falling)), count)))
     print(
         "%s: 5%% fall of k found as a drift or a jump: %s"
@@ -161,7 +161,7 @@ def report(name, falling, flat):
     )
     others = sum(any(change[0] != "k" for change in changes) for changes in falling)
     print("%s: another parameter said to change beside it: %s" % (name, share(others, count)))
-    print("%s: any change said of flat ones: %s" % (name, share(sum(map(bool, flat)), max(1, len(flat)))))
+    print("%s: any change said of flat ones: %s" % (name, share(sum(map(bool, flat)), len(flat))))
 
 
 def speed(team, folder, count):

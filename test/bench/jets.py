@@ -50,18 +50,24 @@ class Plate:
 
     def poses(self, commands, start):
         """Poses (n, 3) from rest at RATE, under a row of commands for each HOLD."""
-        state, found = np.array([*start, 0.0, 0.0, 0.0]), []
-        each, between = round(HOLD / STEP), round(1 / RATE / STEP)
-        for i in range(len(commands) * each):
-            if i % between == 0:
-                found.append(state[:3])
-            wrench, h = self.wrench @ commands[i // each], STEP
-            a = self.rate(state, wrench)
-            b = self.rate(state + h / 2 * a, wrench)
-            c = self.rate(state + h / 2 * b, wrench)
-            d = self.rate(state + h * c, wrench)
-            state = state + h / 6 * (a + 2 * b + 2 * c + d)
-        return np.array(found)
+        each = round(HOLD / STEP)
+        wrenches = [self.wrench @ commands[i // each] for i in range(len(commands) * each)]
+        return moved(self.rate, [*start, 0.0, 0.0, 0.0], wrenches, STEP, RATE)
+
+
+def moved(derivative, state, inputs, h, rate):
+    """Poses (n, 3), with which a state begins, at a rate [Hz], by steps of Runge and Kutta of h [s], each
+    with an input. derivative(state, input): of the state."""
+    state, found, between = np.array(state), [], round(1 / rate / h)
+    for i, given in enumerate(inputs):
+        if i % between == 0:
+            found.append(state[:3])
+        a = derivative(state, given)
+        b = derivative(state + h / 2 * a, given)
+        c = derivative(state + h / 2 * b, given)
+        d = derivative(state + h * c, given)
+        state = state + h / 6 * (a + 2 * b + 2 * c + d)
+    return np.array(found)
 
 
 def recorded(name, edges, commands, eta, levels, random):

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from jets import RATE, recorded
+from jets import RATE, moved, recorded
 
 RUNS, DURATION, HOLD = 4, 20.0, 0.5  # runs of a case, their length [s], how long commands last [s]
 STEP = 0.0025  # of the integration [s]
@@ -56,19 +56,10 @@ class OneFan:
 
     def poses(self, commands, start):
         """Poses (n, 3) from rest at RATE, under a row of commands for each HOLD."""
-        state, found = np.array([*start, 0.0, 0.0, 0.0, 0.0, 0.0]), []
-        between, h = round(1 / RATE / STEP), STEP
-        for i in range(round(len(commands) * HOLD / STEP)):
-            if i % between == 0:
-                found.append(state[:3])
-            at = math.floor((i * STEP - self.delay) / HOLD + 1e-9)
-            command = commands[at] if at >= 0 else np.zeros(2)
-            a = self.rate(state, command)
-            b = self.rate(state + h / 2 * a, command)
-            c = self.rate(state + h / 2 * b, command)
-            d = self.rate(state + h * c, command)
-            state = state + h / 6 * (a + 2 * b + 2 * c + d)
-        return np.array(found)
+        count = round(len(commands) * HOLD / STEP)
+        held = [math.floor((i * STEP - self.delay) / HOLD + 1e-9) for i in range(count)]
+        inputs = [commands[at] if at >= 0 else np.zeros(2) for at in held]
+        return moved(self.rate, [*start, 0.0, 0.0, 0.0, 0.0, 0.0], inputs, STEP, RATE)
 
 
 def runs_of(craft, random, count=RUNS, duration=DURATION):

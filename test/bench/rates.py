@@ -15,7 +15,6 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 import ground
 from ground import _core
@@ -23,6 +22,7 @@ from ground.analysis import agreement, bands, between_runs, distributions, likel
 from ground.comparing import compare
 from ground.fitting import fit, priors, thrust_bench
 from ground.poses import repair
+from shares import interval
 
 LEVEL = 0.01  # of all rates together
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # of poses [m], [m], [rad]
@@ -264,19 +264,12 @@ def summary(said):
     scatter = np.var([np.sum(one) - rate * len(one) for one in said]) / np.mean([len(one) for one in said])
     if scatter > rate * (1 - rate) > 0:
         count *= rate * (1 - rate) / scatter
-    return rate, count, interval(rate, count, 0.05)
-
-
-def interval(rate, count, level):
-    """The interval of Clopper and Pearson, of a rate of as many draws."""
-    hits, half = rate * count, level / 2
-    low = stats.beta.ppf(half, hits, count - hits + 1) if hits > 0 else 0.0
-    return low, stats.beta.isf(half, hits + 1, count - hits) if hits < count else 1.0
+    return rate, count, interval(rate * count, count)
 
 
 def contradicted(claim, rate, count, among):
     """Whether a rate contradicts its claim, which is one of some."""
-    low, high = interval(rate, count, LEVEL / among)
+    low, high = interval(rate * count, count, LEVEL / among)
     return (claim.sense != LEAST and low > claim.rate) or (claim.sense != MOST and high < claim.rate)
 
 
@@ -287,7 +280,7 @@ def rows(found):
             rate, count, (low, high) = summary(found[name])
             wrong = bool(contradicted(claim, rate, count, len(found)))
             row = {"what": claim.what, "claimed": claim.sense + "%.3g%%" % (100 * claim.rate), "rate": rate}
-            yield dict(row, low=float(low), high=float(high), draws=len(found[name]), contradicted=wrong)
+            yield dict(row, low=low, high=high, draws=len(found[name]), contradicted=wrong)
 
 
 def table(found):

@@ -16,7 +16,6 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import hidden_effects  # noqa: E402
 from ground import _core  # noqa: E402
 from ground.simulation import gains, tracking, tuning  # noqa: E402
-from ground.support import files  # noqa: E402
 
 REFERENCES = {"circle": dict(rate_of_turn=0.63), "sinusoid": {}, "rhodonea": {}, "line": {}}
 CONTROLLERS = [
@@ -74,8 +73,8 @@ def identify(*arguments):
 
 
 def hidden(model_path, effect, values, folder):
-    """RMS errors of the predictive controller [m] by reference, on a craft with the effect: with the
-    fitted nominal model and with the model of diagnose."""
+    """The effects that diagnose finds in a craft with an effect, and rms errors of the predictive controller
+    [m] by reference on this craft: with the fitted nominal model and with the model of diagnose."""
     truth = _core.load_model(model_path)
     truth.add_effect(effect)
     for name, value in values.items():
@@ -99,69 +98,42 @@ def hidden(model_path, effect, values, folder):
             task = tracking.task(kind)
             run = tracking.run(truth, _core.load_model(believed), gains.choice("ModelPredictive"), task)
             errors.setdefault(kind, {})[name] = run.numbers["rms"]
-    return {"effect": effect, "found": report["improved"]["effects"], "errors": errors}
+    return report["improved"]["effects"], errors
+
+
+ROW = "%-22s%-11s%-13s%30s%11s%11s%8s%18s%18s"
 
 
 def print_tables(model, starts, seed):
-    """Prints the table of controllers and references row by row; returns its numbers."""
-    rows = []
-    print(
-        "%-22s%-11s%-13s%30s%11s%11s%8s%18s"
-        % (
-            "controller",
-            "reference",
-            "condition",
-            "rms 5/50/95% [mm]",
-            "max [mm]",
-            "sat.",
-            "effort",
-            "ms, 50/99.9%",
-        )
-    )
+    """Prints the table of controllers and references row by row."""
+    head = "controller", "reference", "condition", "rms 5/50/95% [mm]", "max [mm]", "sat. [%]", "effort"
+    print(ROW % (*head, "ms, 50/99.9%", "after a stop [mm]"))
     for row in tables(model, starts, seed):
-        rows.append(row)
         q, ms = row["rms_quantiles"], row["compute_ms"]
-        print(
-            "%-22s%-11s%-13s%30s%11.2f%10.1f%%%8.3f%18s"
-            % (
-                row["controller"],
-                row["reference"],
-                row["condition"],
-                "%.2f / %.2f / %.2f" % tuple(1e3 * q[k] for k in ("p05", "median", "p95")),
-                1e3 * row["max"],
-                100 * row["saturated_fraction"],
-                row["effort"],
-                "%.3f / %.3f" % (ms["median"], ms["p999"]),
-            ),
-            ("after the stop %.2f mm" % (1e3 * row["after_stop_max"]) if row["reference"] == "line" else ""),
-            flush=True,
+        numbers = (
+            "%.2f" % (1e3 * row["max"]),
+            "%.1f" % (100 * row["saturated_fraction"]),
+            "%.3f" % row["effort"],
         )
-    reached = anywhere(model, 200, seed)
-    print(
-        "predictive, from rest within 3 m at any heading: reaches the circle in %.1f%% of 200"
-        % (100 * reached)
-    )
-    return {"tables": rows, "anywhere": reached}
+        rms = "%.2f / %.2f / %.2f" % tuple(1e3 * q[k] for k in ("p05", "median", "p95"))
+        after = "%.2f" % (1e3 * row["after_stop_max"]) if row["reference"] == "line" else ""
+        ends = "%.3f / %.3f" % (ms["median"], ms["p999"]), after
+        names = row["controller"], row["reference"], row["condition"]
+        print(ROW % (*names, rms, *numbers, *ends), flush=True)
+    share = 100 * anywhere(model, 200, seed)
+    print("predictive, from rest within 3 m at any heading: reaches the circle in %.1f%% of 200" % share)
 
 
 def print_effects(model, effects, strength):
-    """Prints the errors with hidden effects before and after a diagnosis; returns the rows."""
-    rows = []
+    """Prints the errors with hidden effects before and after a diagnosis."""
     with tempfile.TemporaryDirectory() as folder:
         for effect in effects:
             sizes = hidden_effects.STRENGTHS[effect].items()
             values = {n: hidden_effects.scaled(effect, n, s, strength) for n, s in sizes}
-            row = hidden(model, effect, values, folder)
-            rows.append(row)
-            print(
-                "%-24s found %-44s" % (effect, ", ".join(row["found"]) or "-")
-                + "; ".join(
-                    "%s %.3f -> %.3f mm" % (kind, 1e3 * e["before"], 1e3 * e["after"])
-                    for kind, e in row["errors"].items()
-                ),
-                flush=True,
-            )
-    return rows
+            found, errors = hidden(model, effect, values, folder)
+            said = "%s %.3f -> %.3f mm"
+            each = [said % (kind, 1e3 * e["before"], 1e3 * e["after"]) for kind, e in errors.items()]
+            print("%-24s found %-44s" % (effect, ", ".join(found) or "-") + "; ".join(each), flush=True)
 
 
 def main():
@@ -169,23 +141,15 @@ def main():
     parser.add_argument("--model", default=os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover_4_1.yaml"))
     parser.add_argument("--starts", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", metavar="FILE", help="file for all numbers")
     parser.add_argument("--effects", nargs="*", help="effects to hide (all); none if empty")
     parser.add_argument("--only-effects", action="store_true")
-    parser.add_argument(
-        "--strength", type=float, default=5.0, help="strength of the effects relative to bench-hidden (5)"
-    )
+    parser.add_argument("--strength", type=float, default=5.0,
+                        help="strength of the effects relative to bench-hidden (5)")  # fmt: skip
     arguments = parser.parse_args()
-    if arguments.json:
-        files.refuse_existing(arguments.json, False)
-    model = _core.load_model(arguments.model)
-    found = {"tables": [], "hidden": []}
     if not arguments.only_effects:
-        found.update(print_tables(model, arguments.starts, arguments.seed))
+        print_tables(_core.load_model(arguments.model), arguments.starts, arguments.seed)
     effects = hidden_effects.strengths() if arguments.effects is None else arguments.effects
-    found["hidden"] = print_effects(arguments.model, effects, arguments.strength)
-    if arguments.json:
-        files.write_json(arguments.json, found)
+    print_effects(arguments.model, effects, arguments.strength)
 
 
 if __name__ == "__main__":

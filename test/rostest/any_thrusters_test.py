@@ -1,18 +1,13 @@
 #!/usr/bin/python3
 """An air-bearing table with eight jets in closed loop through UDP: all nodes command every thruster."""
 
-import os
-import sys
-
+import harness
 import numpy as np
 import rospy
 import rostest
+from closed_loop_case import ClosedLoopCase, S
 from ground_msgs.msg import Controls, SenderStatus
 from visualization_msgs.msg import MarkerArray
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
-from closed_loop_case import ClosedLoopCase, S
 
 SETTLING = 10  # time to reach the circle [s]
 WATCHED = 15  # [s]

@@ -73,10 +73,7 @@ class BlockedTest(unittest.TestCase):
         status = harness.Latest("controller/status", ControllerStatus)
         telemetry = harness.Repeater(5, craft.send)
         self.addCleanup(telemetry.stop)
-        running = lambda: (  # noqa: E731
-            status.message and status.message.state == ControllerStatus.RUNNING
-        )
-        harness.wait_for(running, 40, "the craft to be driven")
+        harness.wait_for_state(status, ControllerStatus.RUNNING, 40)
         subscriber = subprocess.Popen([sys.executable, os.path.join(HERE, "stopped_subscriber.py")])
         self.addCleanup(subscriber.wait)
         self.addCleanup(subscriber.kill)
@@ -84,11 +81,9 @@ class BlockedTest(unittest.TestCase):
         log.block()
         # mocap_state and the controller log that the state is lost, and that it is back.
         mocap.stop()
-        harness.wait_for(
-            lambda: status.message.state == ControllerStatus.RECOVERING, 10, "the loss of the state"
-        )
+        harness.wait_for_state(status, ControllerStatus.RECOVERING, 10)
         mocap.repeater = harness.Repeater(100, mocap.publish)
-        harness.wait_for(running, 10, "the craft to be driven again")
+        harness.wait_for_state(status, ControllerStatus.RUNNING, 10)
         before, begin = craft.count(), time.monotonic()
         # Without a command for each pose, there would be only the packets that are repeated at 10 Hz.
         harness.wait_for(lambda: craft.count() - before >= 200, 10, "packets")

@@ -5,15 +5,12 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import unittest
 
+import harness
 import rospy
 import rostest
 from ground_msgs.msg import ControllerStatus, Controls, SenderStatus, State
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 S = ControllerStatus

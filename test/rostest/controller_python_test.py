@@ -3,7 +3,6 @@
 launch without a controller."""
 
 import math
-import os
 import pathlib
 import re
 import signal
@@ -12,14 +11,12 @@ import sys
 import tempfile
 import unittest
 
+import harness
 import rosnode
 import rospy
 import rostest
 from ground_msgs.msg import Controls, SenderStatus, State
 from std_srvs.srv import SetBool
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 PAGE = pathlib.Path(__file__).resolve().parents[2] / "docs" / "howto" / "controller_python.md"
 POINT = re.compile(r"^POINT = \((.*), (.*)\).*$", re.M)

@@ -1,18 +1,14 @@
 #!/usr/bin/python3
 """The craft's gyro and accelerometer, as a launch file takes them: they count, and velocities are better."""
 
-import os
-import sys
 import unittest
 
+import harness
 import numpy as np
 import rospy
 import rostest
 from ground_msgs.msg import ControllerStatus, State, Telemetry
 from rosgraph_msgs.msg import Log
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 WATCHED = 5.0  # [s]
 YAW_RATE = 0.04  # rms error of the yaw rate [rad/s]; by poses alone it is three times as large

@@ -1,17 +1,12 @@
 #!/usr/bin/python3
 """A simulated discovery whose sender is in FAULT goes on without a hand, and repeats the flight."""
 
-import os
-import sys
-
 import dynamic_reconfigure.client
+import harness
 import rospy
 import rostest
-from ground_msgs.msg import ControllerStatus, SenderStatus
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 from discovery_case import DiscoveryCase
+from ground_msgs.msg import ControllerStatus, SenderStatus
 
 
 class BusyTest(DiscoveryCase):

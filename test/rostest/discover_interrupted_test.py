@@ -5,18 +5,15 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 
+import harness
 import roslib.packages
 import rospy
 import rostest
+from discovery_case import DiscoveryCase, thrust
 from ground_msgs.msg import ControllerStatus, SenderStatus
 from std_srvs.srv import Trigger
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
-from discovery_case import DiscoveryCase, thrust
 
 LIMIT = 0.3  # longest thrust after a fault [s]
 PROGRAM = roslib.packages.find_node("ground", "discover")[0]
@@ -98,9 +95,7 @@ class InterruptedTest(DiscoveryCase):
         self.end()
         harness.wait_for(lambda: not self.recorders(), 20, "the end of the recorder")
         self.begin()
-        harness.wait_for(
-            lambda: self.controller.message.state == ControllerStatus.STOPPED, 60, "a stop at the start"
-        )
+        harness.wait_for_state(self.controller, ControllerStatus.STOPPED, 60)
         self.wait_until_it_drives()
 
     def stopped_by_hand(self):

@@ -2,20 +2,16 @@
 """A discovery through the whole chain: the hidden effect is found and confirmed inside the room."""
 
 import math
-import os
 import shutil
-import sys
 
+import harness
 import rospy
 import rostest
+from discovery_case import DiscoveryCase, thrust
 from ground_msgs.msg import ControllerStatus, ModelError, SenderStatus
 from nav_msgs.msg import Path
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
-from discovery_case import DiscoveryCase, thrust
 
 ENDS = 600  # longest discovery, wall time [s]
 

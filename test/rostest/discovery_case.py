@@ -2,17 +2,14 @@
 
 import json
 import os
-import sys
 import unittest
 
+import harness
 import rospy
 from ground_msgs.msg import ControllerStatus, Controls, DiscoveryStatus, SenderStatus, State
 from std_srvs.srv import SetBool
 
 from ground.reading import readers
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 HALF_WIDTH = 2.0  # half the width of the square room [m]
 AT_REST = 0.02  # largest true speed of a craft at rest [m/s]

@@ -4,31 +4,27 @@ states, and no thrust may be sent long after the last frame that is right."""
 
 import os
 import random
-import re
 import struct
 import sys
 import threading
 import time
-import unittest
 
 import rospy
 import rostest
 from geometry_msgs.msg import PoseStamped
-from ground_msgs.msg import ControllerStatus, MocapFrame, SenderStatus, State
+from ground_msgs.msg import MocapFrame, State
 from rosgraph_msgs.msg import Log
-from std_srvs.srv import SetBool, Trigger
 
-sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 sys.path.insert(1, os.path.dirname(sys.path[0]))
 import harness
 import requirements
 from fake_lab import FakeLab
 from fake_motive import FakeMotive
+from faults_case import FAULTS, GOES_ON, RUNNING, STOPPED, FaultsCase, add_tests
 
 FOLDER = os.path.dirname(os.path.realpath(__file__))
 HOST = "127.0.0.4"
 LIMIT = requirements.limit("thrust-after-state")  # longest thrust after the last right frame [s]
-GOES_ON, STOPS, FAULTS = "goes on", "stops", "stops, FAULT"
 SOMEWHERE = (1.5, 0.5, -1.5)  # where a body is that is not the craft [m]
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -115,22 +111,17 @@ FAULTS_OF_FRAMES = [
 ]
 
 
-class FaultsMocapTest(unittest.TestCase):
+class FaultsMocapTest(FaultsCase):
     @classmethod
     def setUpClass(cls):
         cls.motive = FakeMotive(host=HOST)
         model = os.path.join(FOLDER, "../../cfg/hovercraft/tiny_whoover.yaml")
         cls.lab = FakeLab(model, int(sys.argv[1]), cls.motive)
-        cls.status = harness.Latest("controller/status", ControllerStatus, keep=True)
-        cls.sender = harness.Latest("sender/status", SenderStatus, keep=True)
         cls.state = harness.Latest("state", State)
         cls.log = harness.Latest("/rosout", Log, keep=True)
         cls.poses = harness.Latest("vrpn_client_node/hovercraft/pose", PoseStamped, keep=True)
         cls.frames = harness.Latest("vrpn_client_node/hovercraft/frame", MocapFrame, keep=True)
-        for name, kind in (("arm", SetBool), ("start", Trigger), ("stop", Trigger)):
-            full = ("sender/" if name == "arm" else "controller/") + name
-            rospy.wait_for_service(full, 30)
-            setattr(cls, name, staticmethod(rospy.ServiceProxy(full, kind)))
+        super().setUpClass()
 
     @classmethod
     def tearDownClass(cls):
@@ -138,40 +129,25 @@ class FaultsMocapTest(unittest.TestCase):
 
     def drive(self):
         """Arms and starts if necessary, and waits until the craft tracks for a while."""
-        running = lambda: self.status.message.state == ControllerStatus.RUNNING  # noqa: E731
         ready = lambda: self.state.message and self.state.message.valid  # noqa: E731
         harness.wait_for(lambda: ready() and self.status.message and self.sender.message, 30, "a valid state")
-        harness.wait_for(lambda: self.status.message.state != ControllerStatus.RECOVERING, 5, "the recovery")
-        if not running() or self.sender.message.state != SenderStatus.ARMED:
-            self.stop()
-            harness.wait_for(lambda: not running(), 5, "a stop")
-            self.arm(False)
-            harness.wait_for(lambda: self.arm(True).success, 15, "an armed sender")
-            self.assertTrue(self.start().success)
-            harness.wait_for(running, 15, "RUNNING")
+        self.run_again()
         since = time.monotonic()
         while time.monotonic() < since + 1.5:
-            self.assertTrue(running(), self.status.message.reason)
+            self.assertEqual(self.status.message.state, RUNNING, self.status.message.reason)
             time.sleep(0.05)
 
     def ends(self, name, ending, last, begun):
         """Checks the thrust after the last right frame [s, time.time()], and states since `begun` [s]."""
-        if ending != GOES_ON:
-            harness.wait_for(lambda: self.status.message.state == ControllerStatus.STOPPED, 5, "a stop")
-            time.sleep(0.3)  # no thrust when the mocap is back
-        late = max([t - last for t in self.lab.thrust_between(last, time.time())], default=0.0)
-        states = {m.state for at, m in self.status.all if at > begun}
-        faults = {m.state for at, m in self.sender.all if at > begun}
         if ending == GOES_ON:
-            print("fault: mocap: %-31s %-12s %s" % (name, ending, "no stop"))
-            self.assertFalse(states & {ControllerStatus.STOPPED}, self.status.message.reason)
-            self.assertFalse(faults & {SenderStatus.FAULT}, self.sender.message.reason)
-            return
-        print("fault: mocap: %-31s %-12s thrust until %3.0f ms after it" % (name, ending, 1e3 * late))
-        self.assertLess(late, LIMIT)
-        self.assertIn(ControllerStatus.STOPPED, states)
-        if ending == FAULTS:
-            self.assertIn(SenderStatus.FAULT, faults)
+            self.print("mocap: " + name, ending, "no stop")
+        else:
+            self.expect(STOPPED)
+            time.sleep(0.3)  # no thrust when the mocap is back
+            late = max([t - last for t in self.lab.thrust_between(last, time.time())], default=0.0)
+            self.print("mocap: " + name, ending, "thrust until %3.0f ms after it" % (1e3 * late))
+            self.assertLess(late, LIMIT)
+        self.ended(ending, begun)
 
     def said(self, text, begun):
         return [m.msg for at, m in self.log.all if at > begun and text in m.msg]
@@ -265,23 +241,17 @@ class FaultsMocapTest(unittest.TestCase):
         self.assertEqual(len(numbers), len(set(numbers)))
 
 
-def add_tests(function, rows):
-    """Adds a test for each row, because rosunit does not count failures in subTest. The environment
-    variable FAULTS, a regular expression, chooses rows."""
-    for row in rows:
-        if re.search(os.environ.get("FAULTS", ""), row[0]):
-            name = "test_" + re.sub(r"\W+", "_", row[0])
-            setattr(FaultsMocapTest, name, lambda self, row=row: function(self, *row))
-
-
 if __name__ == "__main__":
-    add_tests(FaultsMocapTest.frames_are_spoilt, FAULTS_OF_FRAMES)
+    add_tests(FaultsMocapTest, FaultsMocapTest.frames_are_spoilt, FAULTS_OF_FRAMES)
     add_tests(
+        FaultsMocapTest,
         FaultsMocapTest.begins_again,
         [("server restarts", None, 1.5), ("server of another version", (3, 0), 1.5)],
     )
     add_tests(
-        FaultsMocapTest.clock_is_set, [("clock set ahead by 2 s", 2.0), ("clock set back by 2 s", -2.0)]
+        FaultsMocapTest,
+        FaultsMocapTest.clock_is_set,
+        [("clock set ahead by 2 s", 2.0), ("clock set back by 2 s", -2.0)],
     )
     rospy.init_node("faults_mocap_test")
     rostest.rosrun("ground", "faults_mocap_test", FaultsMocapTest)

@@ -6,27 +6,23 @@ poses, or the others."""
 import copy
 import math
 import os
-import re
 import sys
 import time
-import unittest
 
 import dynamic_reconfigure.client
 import rospy
 import rostest
 from geometry_msgs.msg import PoseStamped, Quaternion
 from ground_msgs.msg import ControllerStatus, Controls, Reference, SenderStatus, State
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
-sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 sys.path.insert(1, os.path.dirname(sys.path[0]))
 import harness
 import requirements
+from faults_case import FAULTS, GOES_ON, RUNNING, STOPPED, STOPS, FaultsCase, add_tests
 from wire_proxy import WireProxy
 
 LIMIT = requirements.limit("thrust-after-state")  # longest thrust after the last plausible pose [s]
-# How a fault ends: the controller drives on; it stops; it stops and the sender is in FAULT.
-GOES_ON, STOPS, FAULTS = "goes on", "stops", "stops, FAULT"
 JUMP = 2  # length of a jump [frames]
 MAX_ERROR = 0.05  # largest error of a craft that tracks [m]
 
@@ -210,19 +206,14 @@ def state(value):
     return message
 
 
-class FaultsTest(unittest.TestCase):
+class FaultsTest(FaultsCase):
     @classmethod
     def setUpClass(cls):
         cls.wire = WireProxy(int(sys.argv[1]), int(sys.argv[2]))
         cls.mocap = MocapFault()
-        cls.status = harness.Latest("controller/status", ControllerStatus, keep=True)
-        cls.sender = harness.Latest("sender/status", SenderStatus, keep=True)
         cls.truth = harness.Latest("simulator/truth", State)
         cls.reference = harness.Latest("reference", Reference)
-        for name, kind in (("arm", SetBool), ("start", Trigger), ("stop", Trigger)):
-            full = ("sender/" if name == "arm" else "controller/") + name
-            rospy.wait_for_service(full, 30)
-            setattr(cls, name, staticmethod(rospy.ServiceProxy(full, kind)))
+        super().setUpClass()
         harness.wait_for(
             lambda: (
                 cls.status.message and cls.truth.message and cls.sender.message and cls.sender.message.peer
@@ -243,16 +234,8 @@ class FaultsTest(unittest.TestCase):
 
     def drive(self):
         """Arms and starts if necessary, and waits until the craft tracks."""
-        S = ControllerStatus
-        harness.wait_for(lambda: self.status.message.state != S.RECOVERING, 5, "the recovery")
-        if self.status.message.state != S.RUNNING or self.sender.message.state != 1:
-            self.stop()
-            harness.wait_for(lambda: self.status.message.state != S.RUNNING, 5, "a stop")
-            self.arm(False)
-            harness.wait_for(lambda: self.arm(True).success, 10, "an armed sender")
-            self.assertTrue(self.start().success)
-            harness.wait_for(lambda: self.status.message.state == S.RUNNING, 10, "RUNNING")
-            harness.wait_for(lambda: self.reference.message, 10, "a reference")
+        self.run_again()
+        harness.wait_for(lambda: self.reference.message, 10, "a reference")
         since = []
 
         def settled():
@@ -260,21 +243,6 @@ class FaultsTest(unittest.TestCase):
             return len(since) > 300 and max(since[-300:]) < MAX_ERROR
 
         harness.wait_for(settled, 30, "a craft that tracks")
-
-    def ended(self, ending, begun):
-        """Checks the states of controller and sender since a time."""
-        states = {m.state for at, m in self.status.all if at > begun}
-        faults = {m.state for at, m in self.sender.all if at > begun}
-        if ending == GOES_ON:
-            self.assertFalse(states & {ControllerStatus.STOPPED}, self.status.message.reason)
-            self.assertFalse(faults & {SenderStatus.FAULT}, self.sender.message.reason)
-        else:
-            self.assertIn(ControllerStatus.STOPPED, states)
-        if ending == FAULTS:
-            self.assertIn(SenderStatus.FAULT, faults)
-
-    def print(self, name, ending, what):
-        print("fault: %-38s %-12s %s" % (name, ending, what))
 
     def mocap_fails(self, name, spoil, seconds, ending):
         self.drive()
@@ -292,7 +260,7 @@ class FaultsTest(unittest.TestCase):
         if ending == GOES_ON:
             self.drive()
         else:
-            harness.wait_for(lambda: self.status.message.state == ControllerStatus.STOPPED, 5, "a stop")
+            self.expect(STOPPED)
             time.sleep(0.3)  # no thrust when the mocap is back
             self.assertEqual(self.wire.thrust_between(end, time.time()), [])
         self.ended(ending, begun)
@@ -343,7 +311,7 @@ class FaultsTest(unittest.TestCase):
             self.wire.move()
         self.wire.silent = False
         back = time.time()
-        harness.wait_for(lambda: self.status.message.state == ControllerStatus.STOPPED, 5, "a stop")
+        self.expect(STOPPED)
         time.sleep(0.5)
         thrust = self.wire.thrust_between(back, time.time())
         self.print(name, FAULTS, "%d packets with thrust when it is back" % len(thrust))
@@ -363,7 +331,7 @@ class FaultsTest(unittest.TestCase):
         self.wire.restart()
         self.wire.deaf = self.wire.silent = False
         back = time.time()
-        harness.wait_for(lambda: self.status.message.state == ControllerStatus.STOPPED, 5, "a stop")
+        self.expect(STOPPED)
         self.wire.counts = self.wire.boots = True  # seen before it is armed again
         time.sleep(0.5)
         worst = max((t - back for t in self.wire.thrust_between(back, time.time())), default=0.0)
@@ -379,7 +347,7 @@ class FaultsTest(unittest.TestCase):
         harness.wait_for(lambda: status.message, 5, "the status of " + driver)
         if driver != "controller":
             self.assertTrue(rospy.ServiceProxy(driver + "/start", Trigger)().success)
-            harness.wait_for(lambda: status.message.state == ControllerStatus.RUNNING, 5, driver + " RUNNING")
+            harness.wait_for_state(status, RUNNING, 5)
             time.sleep(1)
         return status
 
@@ -408,7 +376,7 @@ class FaultsTest(unittest.TestCase):
         self.assertTrue(
             [r for r in reasons if "does not follow its commands" in r or "has fallen silent" in r], reasons
         )
-        self.assertIn(ControllerStatus.STOPPED, {m.state for at, m in status.all if at > begun})
+        self.assertIn(STOPPED, {m.state for at, m in status.all if at > begun})
         self.assertIn(SenderStatus.FAULT, {m.state for at, m in self.sender.all if at > begun})
         self.drive()
 
@@ -427,7 +395,7 @@ class FaultsTest(unittest.TestCase):
         self.print(name, FAULTS, "thrust until %4.0f ms after it" % (1e3 * worst))
         self.assertLess(worst, HEARING_LIMIT)
         self.assertIn("does not follow its commands", self.sender.message.reason)
-        self.assertIn(ControllerStatus.STOPPED, {m.state for at, m in status.all if at > begun})
+        self.assertIn(STOPPED, {m.state for at, m in status.all if at > begun})
         self.drive()
 
     def clock_is_set(self, name, seconds):
@@ -450,7 +418,7 @@ class FaultsTest(unittest.TestCase):
     def started_while_disarmed(self):
         self.stop()
         self.arm(False)
-        harness.wait_for(lambda: self.sender.message.state == SenderStatus.DISARMED, 5, "disarming")
+        harness.wait_for_state(self.sender, SenderStatus.DISARMED, 5)
         begun = time.time()
         self.start()
         time.sleep(1)
@@ -461,27 +429,17 @@ class FaultsTest(unittest.TestCase):
         self.stop()
 
 
-def add_tests(function, rows):
-    """Adds a test for each row, because rosunit does not count failures in subTest. The environment
-    variable FAULTS, a regular expression, chooses rows."""
-    for row in rows:
-        if not re.search(os.environ.get("FAULTS", ""), row[0]):
-            continue
-        name = "test_" + re.sub(r"\W+", "_", row[0])
-        setattr(FaultsTest, name, lambda self, row=row: function(self, *row))
-
-
 if __name__ == "__main__":
     if sys.argv[3] == "poses":
-        add_tests(FaultsTest.mocap_fails, MOCAP)
+        add_tests(FaultsTest, FaultsTest.mocap_fails, MOCAP)
     else:
         FaultsTest.test_started_while_disarmed = FaultsTest.started_while_disarmed
-        add_tests(FaultsTest.wire_fails, WIRE)
-        add_tests(FaultsTest.topic_brings_nonsense, MESSAGES)
-        add_tests(FaultsTest.craft_hears_nothing, ONE_WAY)
-        add_tests(FaultsTest.nothing_passes, NO_WAY)
-        add_tests(FaultsTest.clock_is_set, CLOCKS)
-        add_tests(FaultsTest.craft_restarts, RESTARTS)
-        add_tests(FaultsTest.craft_restarts_quickly, QUICK_RESTARTS)
+        add_tests(FaultsTest, FaultsTest.wire_fails, WIRE)
+        add_tests(FaultsTest, FaultsTest.topic_brings_nonsense, MESSAGES)
+        add_tests(FaultsTest, FaultsTest.craft_hears_nothing, ONE_WAY)
+        add_tests(FaultsTest, FaultsTest.nothing_passes, NO_WAY)
+        add_tests(FaultsTest, FaultsTest.clock_is_set, CLOCKS)
+        add_tests(FaultsTest, FaultsTest.craft_restarts, RESTARTS)
+        add_tests(FaultsTest, FaultsTest.craft_restarts_quickly, QUICK_RESTARTS)
     rospy.init_node("faults_test")
     rostest.rosrun("ground", "faults_%s_test" % sys.argv[3], FaultsTest)

@@ -4,10 +4,10 @@
 import json
 import os
 import shutil
-import sys
 import threading
 import unittest
 
+import harness
 import rospy
 import rostest
 from ground_msgs.msg import IdentificationStatus
@@ -16,9 +16,6 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from ground.reading import readers
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 S = IdentificationStatus
 NODE = "identification/"

@@ -2,21 +2,17 @@
 """Mocap poses to state: validity, stamps, frames."""
 
 import math
-import os
-import sys
 import time
 import unittest
 
 import dynamic_reconfigure.client
+import harness
 import rospy
 import rostest
 import tf2_ros
 from geometry_msgs.msg import PoseStamped
 from ground_msgs.msg import MocapSettings, State
 from nav_msgs.msg import Odometry
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 POSE = "vrpn_client_node/hovercraft/pose"
 

@@ -9,18 +9,16 @@ import subprocess
 import sys
 import unittest
 
+import harness
 import numpy as np
 import rosbag
 import rospy
 import rostest
+from fake_lab import FakeLab
+from fake_motive import FakeMotive
 from geometry_msgs.msg import PoseStamped
 from ground_msgs.msg import ControllerStatus, MocapFrame, State
 from std_srvs.srv import SetBool, Trigger
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
-from fake_lab import FakeLab
-from fake_motive import FakeMotive
 
 FOLDER = os.path.dirname(os.path.abspath(__file__))
 POSE, FRAME = "vrpn_client_node/hovercraft/pose", "vrpn_client_node/hovercraft/frame"

@@ -5,18 +5,15 @@ what to do next."""
 import math
 import os
 import re
-import sys
 import unittest
 
+import harness
 import rospy
 import rostest
 from ground_msgs.msg import ControllerStatus, Controls, ModelError, State
 from ground_msgs.srv import LoadModel
 from rosgraph_msgs.msg import Log
 from visualization_msgs.msg import MarkerArray
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 HALF = os.path.join(os.path.dirname(os.path.abspath(__file__)), "half_thruster.yaml")
 SETTLED = 15.0  # flight before the loss [s]

@@ -2,15 +2,10 @@
 """A hovercraft with one fan and a rudder in its stream, driven through UDP along a circle or a line: it stays
 in the room, near the reference, and has no thrust after a stop."""
 
-import os
-import sys
-
+import harness
 import numpy as np
 import rospy
 import rostest
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 from closed_loop_case import ClosedLoopCase, S
 
 ROOM = 2.0  # half the side of the room [m]

@@ -5,17 +5,14 @@ import contextlib
 import os
 import re
 import subprocess
-import sys
 import unittest
 
+import harness
 import roslib.packages
 import rospy
 import rostest
 from ground_msgs.msg import ControllerStatus, State
 from std_srvs.srv import Trigger
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 SHARE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 NODELET = roslib.packages.find_node("nodelet", "nodelet")[0]

@@ -2,19 +2,16 @@
 """Trials of the craft's own stop through the whole chain, and their outcomes when arming."""
 
 import os
-import sys
 import unittest
 
 import dynamic_reconfigure.client
+import harness
 import rospy
 import rostest
 from ground_msgs.msg import SenderStatus, State
 from ground_msgs.srv import Silence
 from rosgraph_msgs.msg import Log
 from std_srvs.srv import SetBool
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 from ground.nodes import own_stop, stop_trial
 from ground.nodes import own_stop_records as records

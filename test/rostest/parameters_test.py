@@ -5,17 +5,14 @@ import importlib
 import os
 import re
 import subprocess
-import sys
 import unittest
 
+import harness
 import rospy
 import rostest
 from ground_msgs.msg import LiveChange
 from ground_msgs.srv import LoadModel
 from rosgraph_msgs.msg import Log
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 CFG = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "cfg")
 

@@ -10,7 +10,6 @@ import rostest
 from ground_msgs.msg import ControllerStatus, Controls, State
 from std_srvs.srv import Trigger
 
-sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 sys.path.insert(1, os.path.dirname(sys.path[0]))
 import harness
 import requirements
@@ -31,9 +30,7 @@ class RoomAxesTest(unittest.TestCase):
         )
         start = rospy.ServiceProxy("controller/start", Trigger)()
         self.assertTrue(start.success, start.message)
-        harness.wait_for(
-            lambda: status.message.state == ControllerStatus.STOPPED, 20, "the controller's stop"
-        )
+        harness.wait_for_state(status, ControllerStatus.STOPPED, 20)
         rospy.sleep(REST)
         self.assertTrue(any(m.left > 0 for _, m in controls.all))
         farthest = max(max(abs(m.eta[0]), abs(m.eta[1])) for _, m in truth.all)

@@ -2,9 +2,9 @@
 """The default experiment in its room, through the whole chain."""
 
 import os
-import sys
 import unittest
 
+import harness
 import numpy as np
 import rospy
 import rostest
@@ -13,9 +13,6 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from ground import _core
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 MODEL = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../cfg/hovercraft/tiny_whoover.yaml")
 HALF_WIDTH = 2.0  # half the width of the square room [m]

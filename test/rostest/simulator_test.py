@@ -2,27 +2,23 @@
 """The simulator: its clock, repeatable runs, live changes, and the craft's side of the protocol."""
 
 import math
-import os
 import signal
 import socket
 import struct
 import subprocess
-import sys
 import tempfile
 import time
 import unittest
 
 import dynamic_reconfigure.client
+import harness
 import rospy
 import rostest
+from fake_craft import free_port
 from geometry_msgs.msg import PoseStamped
 from ground_msgs.msg import LiveChange, State
 from ground_msgs.srv import LoadModel
 from rosgraph_msgs.msg import Clock
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
-from fake_craft import free_port
 
 POSE = "vrpn_client_node/hovercraft/pose"
 

@@ -12,7 +12,6 @@ import rostest
 from ground_msgs.msg import ControllerStatus, SenderStatus
 from std_srvs.srv import SetBool, Trigger
 
-sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 sys.path.insert(1, os.path.dirname(sys.path[0]))
 import harness
 import requirements

@@ -3,21 +3,18 @@
 
 import math
 import os
-import sys
 import tempfile
 import threading
 
 import dynamic_reconfigure.client
+import harness
 import rosnode
 import rospy
 import rostest
+from controller_case import ControllerCase, S
 from ground_msgs.msg import Controls, Decision, Reference
 from ground_msgs.srv import LoadModel
 from nav_msgs.msg import Path
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
-from controller_case import ControllerCase, S
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 NOMINAL = os.path.join(HERE, "..", "..", "cfg", "hovercraft", "tiny_whoover.yaml")

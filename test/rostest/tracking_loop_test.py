@@ -5,22 +5,19 @@ controller, and a loss of the mocap. Loading of files never blocks the sender.""
 import math
 import os
 import shutil
-import sys
 import tempfile
 import threading
 import time
 import unittest
 
 import dynamic_reconfigure.client
+import harness
 import numpy as np
 import rospy
 import rostest
 from ground_msgs.msg import ControllerStatus, Controls, Reference, SenderStatus, State
 from ground_msgs.srv import LoadModel
 from std_srvs.srv import SetBool, Trigger
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 S = ControllerStatus
 TILTED = os.path.join(os.path.dirname(os.path.abspath(__file__)), "tilted_craft.yaml")
@@ -41,11 +38,7 @@ class TrackingLoopTest(unittest.TestCase):
         harness.wait_for(lambda: not rospy.Time.now().is_zero(), 20, "the clock")
 
     def expect(self, name, state, timeout=30):
-        harness.wait_for(
-            lambda: self.status[name].message and self.status[name].message.state == state,
-            timeout,
-            "%s in state %d" % (name, state),
-        )
+        harness.wait_for_state(self.status[name], state, timeout)
 
     def start(self, name):
         rospy.wait_for_service(name + "/start", 20)

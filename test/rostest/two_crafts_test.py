@@ -1,20 +1,16 @@
 #!/usr/bin/python3
 """Two crafts on one master: each has its own poses, commands and link, and stops alone."""
 
-import os
 import random
-import sys
 import time
 import unittest
 
+import harness
 import rospy
 import rostest
+from fake_craft import FakeCraft, is_zero
 from ground_msgs.msg import State
 from std_srvs.srv import SetBool, Trigger
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
-from fake_craft import FakeCraft, is_zero
 
 PORTS = {"a": (33582, 33571), "b": (33583, 33572)}  # of the sender and of the craft
 

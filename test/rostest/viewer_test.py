@@ -17,7 +17,6 @@ import rospy
 import rostest
 from ground_msgs.msg import ControllerStatus, ModelError, SenderStatus
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "python"))
 import harness
 

@@ -4,18 +4,15 @@
 import math
 import os
 import subprocess
-import sys
 import tempfile
 import unittest
 
+import harness
 import roslib.packages
 import rospy
 import rostest
 from ground_msgs.msg import Controls
 from visualization_msgs.msg import Marker, MarkerArray
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
 
 NODELET = roslib.packages.find_node("nodelet", "nodelet")[0]
 BODY = "{m: 0.5, I_z: 0.01, X_u: 0.2, Y_v: 0.3, N_r: 0.01, k: %g, %s}"

@@ -1,19 +1,15 @@
 #!/usr/bin/python3
 """From the poses of a mocap to the packets on the wire, all nodelets in one manager."""
 
-import os
-import sys
 import time
 import unittest
 
+import harness
 import rospy
 import rostest
+from fake_craft import FakeCraft, is_zero
 from ground_msgs.msg import ControllerStatus, SenderStatus
 from std_srvs.srv import SetBool, Trigger
-
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness
-from fake_craft import FakeCraft, is_zero
 
 from ground import _core
 
@@ -37,9 +33,7 @@ class WireTest(unittest.TestCase):
         self.craft.close()
 
     def expect(self, state, timeout):
-        harness.wait_for(
-            lambda: self.status.message and self.status.message.state == state, timeout, str(state)
-        )
+        harness.wait_for_state(self.status, state, timeout)
 
     def test_bits_on_the_wire_then_loss_of_the_mocap(self):
         self.assertTrue(self.start().success)
