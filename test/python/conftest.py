@@ -121,17 +121,13 @@ def program(name, *arguments):
 def located(name):
     """Path of the program that rosrun would run; rosrun itself takes a second to find it."""
     find = ["catkin_find", "--first-only", "--libexec", "ground", name]
-    return subprocess.check_output(find, universal_newlines=True).strip()
+    return subprocess.check_output(find, text=True).strip()
 
 
 def process(name, *arguments):
     """Runs a program in a new process, for tests of its process."""
     return subprocess.run(
-        [located(name)] + [str(a) for a in arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        universal_newlines=True,
-        timeout=120,
+        [located(name)] + [str(a) for a in arguments], capture_output=True, text=True, timeout=120
     )
 
 

@@ -121,7 +121,7 @@ def test_a_diagnosis_has_a_likelihood_and_estimates(tmp_path):
 
 def test_importing_the_package_loads_nothing_heavy():
     code = "import sys, ground; dir(ground); print(*sys.modules)"
-    loaded = subprocess.check_output([sys.executable, "-c", code], universal_newlines=True).split()
+    loaded = subprocess.check_output([sys.executable, "-c", code], text=True).split()
     assert "ground" in loaded
     heavy = {"numpy", "scipy", "matplotlib", "pandas", "rospy", "ground._core", "ground.fitting"}
     assert heavy & set(loaded) == set()
@@ -168,7 +168,7 @@ def test_all_of_the_wheel_imports_and_fits_on_a_system_that_is_not_unix():
     wheel = [".".join(path.parts) for path in paths if path.parts[1] != "nodes" and path.name != "__init__"]
     assert len(wheel) > 100
     command = [sys.executable, "-c", ELSEWHERE, str(MODEL), *wheel]
-    low, high = ast.literal_eval(subprocess.check_output(command, universal_newlines=True))
+    low, high = ast.literal_eval(subprocess.check_output(command, text=True))
     true = ground.Model.load(MODEL).to_frame().loc["k", "value"]
     assert 0.95 * true < low < high < 1.05 * true
 

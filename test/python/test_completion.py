@@ -26,7 +26,7 @@ def completions(line, first=1, program="identify", cwd=None):
         ["bash", "-c", '"$0" 8>&1 9>/dev/null 1>/dev/null', located(program)],
         env=environment,
         stdout=subprocess.PIPE,
-        universal_newlines=True,
+        text=True,
         timeout=60,
         cwd=cwd,
     )
@@ -73,11 +73,7 @@ def test_rosrun_is_completed_by_the_environment_hook():
     """
     workspace = os.path.dirname(os.path.dirname(os.path.dirname(located("identify"))))
     done = subprocess.run(
-        ["bash", "-c", script, "bash", workspace, str(HOOK)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        universal_newlines=True,
-        timeout=60,
+        ["bash", "-c", script, "bash", workspace, str(HOOK)], capture_output=True, text=True, timeout=60
     )
     spec, *answers = [line.strip() for line in done.stdout.splitlines()]
     assert "-F _ground_rosrun rosrun" in spec
@@ -89,9 +85,8 @@ def loaded(code, **environment):
     done = subprocess.run(
         [sys.executable, "-X", "importtime", "-c", code],
         env=dict(os.environ, **environment),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        universal_newlines=True,
+        capture_output=True,
+        text=True,
         timeout=60,
     )
     return {line.split("|")[-1].strip() for line in done.stderr.splitlines() if "|" in line}

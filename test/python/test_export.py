@@ -391,9 +391,8 @@ def test_an_effect_of_another_library_is_exported_or_named(line, works, tmp_path
         [located("identify"), "export", "craft.yaml", "-o", "craft.py"],
         cwd=str(tmp_path),
         env=dict(os.environ, GROUND_EFFECT_LIBRARIES=str(tmp_path / "libown.so")),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        universal_newlines=True,
+        capture_output=True,
+        text=True,
     )
     assert said.returncode == (0 if works else 1), said.stderr
     assert (tmp_path / "craft.py").exists() == works

@@ -235,9 +235,8 @@ def test_every_program_has_help_without_a_master(name):
         [str(SCRIPTS / name), "--help"],
         env=environment,
         stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        universal_newlines=True,
+        capture_output=True,
+        text=True,
         timeout=60,
     )
     assert shown.returncode == 0 and "usage: %s" % name in shown.stdout, shown

@@ -268,7 +268,7 @@ def test_an_interrupted_bench_resumes(tmp_path):
     def bench(*more):
         command = [str(BENCH / "hidden.py"), "--kinds", "noise_null", "--count", "1"]
         command += ["--seed-base", "2", "--jobs", "1", "--results", str(path)] + list(more)
-        return subprocess.check_output(command, universal_newlines=True)
+        return subprocess.check_output(command, text=True)
 
     assert "1 cases, 1 of them to do" in bench("--hours", "0")
     assert path.read_text() == ""

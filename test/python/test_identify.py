@@ -175,14 +175,7 @@ def test_fit_reports_identifiable_combinations(tmp_path):
 
 def test_a_closed_pipe_is_no_error(bag):
     command = "rosrun ground identify info --progress off %s | head -n 1" % bag
-    result = subprocess.run(
-        command,
-        shell=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        universal_newlines=True,
-        timeout=60,
-    )
+    result = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=60)
     assert result.stderr == "" and result.stdout.count("\n") == 1
 
 

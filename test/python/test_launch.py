@@ -50,6 +50,14 @@ def roslaunch(log, *arguments, **environment):
                 process.wait()
 
 
+def answer(launch, *command, timeout=20):
+    """Standard output of a command on the master of a launch."""
+    done = subprocess.run(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=launch.env, timeout=timeout
+    )
+    return done.stdout
+
+
 @pytest.mark.parametrize("name", LAUNCH)
 def test_every_argument_is_documented_and_required_only_without_default(name, capsys):
     from roslaunch import arg_dump
@@ -107,7 +115,7 @@ def test_an_empty_recording_leaves_no_file(tmp_path, number):
     # Without a master the recorder waits until it is ended.
     env = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % free_port())
     command = [located("record"), "--dir", str(tmp_path), "--experiment", "nothing"]
-    recorder = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, universal_newlines=True)
+    recorder = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True)
     try:
         wait_for(lambda: running_below(recorder.pid, "rosbag"), 20, "the recorder")
         assert len(list(tmp_path.glob("*_nothing.yaml"))) == 1
@@ -159,9 +167,7 @@ def check_recording(bag):
     kept = {os.path.realpath(path): text for path, text in kept.items()}
     room = ROOT / "cfg/room/room_4x4.yaml"
     assert kept[str(room)] == room.read_text() and kept[str(MODEL)] == MODEL.read_text()
-    info = subprocess.run(
-        ["rosbag", "info", str(bag)], stdout=subprocess.PIPE, universal_newlines=True
-    ).stdout
+    info = subprocess.check_output(["rosbag", "info", str(bag)], text=True)
     for topic in ("/controls", "/state", "/vrpn_client_node/hovercraft/pose", "/sender/status"):
         assert topic + " " in info
     measured = identify("info", str(bag)).stdout
@@ -174,23 +180,14 @@ def check_recording(bag):
 def check_replay(log, bag):
     """Replays a bag; checks that a path is predicted and that the settings of the run apply."""
     with roslaunch(log, "replay.launch", "bag:=%s" % bag, "rviz:=false") as launch:
-
-        def message(topic, timeout):
-            return subprocess.run(
-                ["rostopic", "echo", "-n", "1", topic],
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env=launch.env,
-                timeout=timeout,
-                universal_newlines=True,
-            ).stdout
+        echo = ["rostopic", "echo", "-n", "1"]
 
         def predicted():
             with contextlib.suppress(subprocess.TimeoutExpired):
-                return "x:" in message("/path/predicted/poses[5]/pose/position", 15)
+                return "x:" in answer(launch, *echo, "/path/predicted/poses[5]/pose/position", timeout=15)
 
         wait_for(predicted, 40, "a predicted path")
-        settings = message("/mocap_state/settings", 10)
+        settings = answer(launch, *echo, "/mocap_state/settings")
         assert "heading_offset: 0.25" in settings, "settings of the run apply to its replay"
 
 
@@ -226,6 +223,9 @@ MISTAKES = [
     ("replay.launch", "bag:=fifo", "fifo does not exist, or is not a file"),
     ("own_stop.launch", "mocap_host:=none", "it must be given: mocap_host:=ADDRESS of the computer"),
     ("room_prbs.launch", "mocap_host:=none", "it must be given: mocap_host:=ADDRESS of the computer"),
+    ("room_prbs.launch", None, "mocap_host:=ADDRESS"),
+    ("room_tracking.launch", None, "mocap_host:=ADDRESS"),
+    ("own_stop.launch", None, "mocap_host:=ADDRESS"),
     ("own_stop.launch", "mocap:=optitrak", "must be one of: optitrack, vrpn, vicon, qualisys"),
     ("bench.launch", "design:=prbs", "must be one of: single-thruster, steps"),
 ]
@@ -246,12 +246,6 @@ def loaded(name, *arguments):
     """{name: value} of the parameters that a launch file sets."""
     parameters = configured(name, *arguments).params
     return {name: parameter.value for name, parameter in parameters.items()}
-
-
-def test_rviz_opens_on_request():
-    for rviz in ("true", "false"):
-        nodes = configured("sim_tracking.launch", "rviz:=" + rviz).nodes
-        assert ("rviz" in [node.name for node in nodes]) == (rviz == "true")
 
 
 def test_tracking_is_predictive_by_default_and_gains_belong_to_the_controller():
@@ -320,14 +314,7 @@ def test_the_bench_prints_its_levels_and_writes_a_table_beside_the_bag(tmp_path)
     ) as launch:
 
         def call(*words):
-            return subprocess.run(
-                ["rosservice", "call"] + list(words),
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                universal_newlines=True,
-                env=launch.env,
-                timeout=20,
-            ).stdout
+            return answer(launch, "rosservice", "call", *words)
 
         wait_for(lambda: list(tmp_path.glob("*_bench_0.bag.active")), 30, "the recording")
         wait_for(lambda: "success: True" in call("/sender/arm", "true"), 30, "arming")
@@ -345,28 +332,17 @@ def test_the_bench_prints_its_levels_and_writes_a_table_beside_the_bag(tmp_path)
     assert "has died" not in text and "Traceback" not in text, text
 
 
-@pytest.mark.parametrize("name, wrong, reason", MISTAKES, ids=[m[1] for m in MISTAKES])
-def test_a_wrong_argument_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, reason):
+@pytest.mark.parametrize("name, wrong, reason", MISTAKES)
+def test_a_wrong_or_missing_argument_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, reason):
     from roslaunch.core import RLException
 
     monkeypatch.chdir(tmp_path)
     pathlib.Path("craft.yaml").write_text("not a model\n")
     os.mkfifo("fifo")
     with pytest.raises(RLException):
-        loaded(name, wrong)
-    stderr = capfd.readouterr().err
-    assert stderr.startswith(wrong + ": ") and reason in stderr
-    assert len(stderr.splitlines()) == 1, stderr
-
-
-@pytest.mark.parametrize("name", ["room_prbs.launch", "room_tracking.launch", "own_stop.launch"])
-def test_a_missing_mocap_is_named_in_one_line(capfd, name):
-    from roslaunch.core import RLException
-
-    with pytest.raises(RLException):
-        loaded(name)
+        loaded(name, *[wrong] * bool(wrong))
     (line,) = capfd.readouterr().err.splitlines()
-    assert "mocap_host:=ADDRESS" in line
+    assert line.startswith(wrong + ": " if wrong else "") and reason in line
 
 
 def output_of(*words, **environment):
@@ -375,24 +351,11 @@ def output_of(*words, **environment):
         ["roslaunch"] + [str(word) for word in words],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        universal_newlines=True,
+        text=True,
         timeout=60,
         env=dict(os.environ, **environment),
     )
     return result.returncode, result.stdout
-
-
-@pytest.mark.parametrize("name", LAUNCH)
-def test_a_misspelt_argument_is_noticed_in_every_launch_file(name):
-    check = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "check_launch"))
-    file = str(ROOT / "launch" / name)
-    names = [a.get("name") for a in xml.etree.ElementTree.parse(file).getroot().findall("arg")]
-    options = types.SimpleNamespace(port=None)
-    _, declared = check["load"](options, [file], [])
-    assert set(names) <= declared
-    problem = check["undeclared"](["%ss:=1" % names[0]], declared)
-    assert problem.endswith("did you mean %s?" % names[0])
-    assert check["undeclared"](["%s:=1" % names[0]], declared) is None
 
 
 def test_a_wrong_argument_ends_a_launch_before_anything_starts():
@@ -428,19 +391,11 @@ def test_a_users_own_launch_file_passes_its_arguments_to_ours(tmp_path):
 
 def test_a_second_launch_is_refused_and_the_first_one_drives_on(tmp_path):
     port = "port:=%d" % free_port(socket.SOCK_DGRAM)
-    driving = ["rostopic", "echo", "-n", "1", "controller/status/state"]
     with roslaunch(tmp_path / "log", "sim_tracking.launch", port) as launch:
 
         def drives():
-            heard = subprocess.run(
-                driving,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                universal_newlines=True,
-                env=launch.env,
-                timeout=30,
-            )
-            return heard.stdout.startswith("%d" % RUNNING)
+            state = answer(launch, "rostopic", "echo", "-n", "1", "controller/status/state", timeout=30)
+            return state.startswith("%d" % RUNNING)
 
         wait_for(drives, 40, "the craft to drive")
         master = {"ROS_MASTER_URI": launch.env["ROS_MASTER_URI"]}
@@ -504,7 +459,7 @@ def away(*words, **environment):
         UNSHARED + [shell, "sh", *map(str, words)],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        universal_newlines=True,
+        text=True,
         timeout=60,
         env={**env, **environment},
     )
@@ -839,13 +794,7 @@ def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
     ) as launch:
         active = wait_for(lambda: list(tmp_path.glob("*_killed_0.bag.active")), 30, "the recording")[0]
         wait_for(lambda: active.stat().st_size > 300e3, 40, "some recorded seconds")
-        clock = subprocess.run(
-            ["rostopic", "echo", "-n", "1", "/clock/clock"],
-            stdout=subprocess.PIPE,
-            env=launch.env,
-            universal_newlines=True,
-            timeout=20,
-        ).stdout
+        clock = answer(launch, "rostopic", "echo", "-n", "1", "/clock/clock")
         assert kill("killed.bag")
         values = [int(line.split(":")[1]) for line in clock.splitlines() if ":" in line]
         killed_after = rospy.Time(*values)
@@ -865,3 +814,57 @@ def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
         assert bag.get_end_time() > killed_after.to_sec() - 1.0
         topics = bag.get_type_and_topic_info().topics
     assert {"/state", "/controls", "/vrpn_client_node/hovercraft/pose"} <= set(topics)
+
+
+# Launches with controller:=none, in which a node of the user sends the commands
+
+EXPERIMENTS = ["sim_prbs", "sim_tracking", "room_prbs", "room_tracking"]
+
+
+def arguments(name):
+    return ["mocap_host:=127.0.0.1"] * name.startswith("room")
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_only_the_controller_is_left_out(name):
+    def nodes(*more):
+        config = configured(name + ".launch", *arguments(name), *more)
+        return {node.name for node in config.nodes}, config.params
+
+    usual, _ = nodes()
+    without, parameters = nodes("controller:=none")
+    assert usual - without == {"controller"} and without <= usual
+    assert parameters["/sender/room"].value.endswith("room_4x4.yaml")
+    flown_by = {parameter for parameter in parameters if parameter.startswith("/controller/")}
+    assert flown_by == {"/controller/model", "/controller/room"}  # files of the run, which are recorded
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+@pytest.mark.parametrize("wrong", ["controller:=nobody", "exit_when_done:=true"])
+def test_what_cannot_be_is_refused_before_anything_starts(name, wrong, capfd):
+    from roslaunch.core import RLException
+
+    with pytest.raises(RLException):
+        configured(name + ".launch", *arguments(name), "controller:=none", wrong)
+    said = capfd.readouterr().err
+    assert wrong.partition(":=")[0] in said and "it must be one of" in said
+
+
+@pytest.mark.parametrize("room, warns", [([], False), (["room:=none"], True)])
+def test_a_launch_without_a_room_warns_that_there_is_no_fence(room, warns, tmp_path):
+    port, log = free_port(socket.SOCK_DGRAM), tmp_path / "log"
+
+    with roslaunch(log, "sim_tracking.launch", "controller:=none", "port:=%d" % port, *room):
+        wait_for(lambda: in_use(port), 60, "the sender")
+    said = log.read_text()
+    assert "listening on UDP port %d" % port in said
+    assert len([line for line in said.splitlines() if "WARN" in line and "no fence" in line]) == warns
+
+
+def in_use(port):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("", port))
+        except OSError:
+            return True
+    return False

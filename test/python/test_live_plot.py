@@ -201,7 +201,7 @@ def plot(*arguments, **environment):
         env=dict(env, **environment),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        universal_newlines=True,
+        text=True,
     )
 
 

@@ -96,5 +96,5 @@ def test_tests_fail_without_the_rule():
     if subprocess.run(["test", "-x", program]).returncode:
         pytest.skip("ground_search_test is not built: cd build && ninja ground_search_test")
     command = [str(ROOT / "test" / "mutation" / "promises.py"), "--program", "ground_search_test"]
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True)
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     assert done.returncode == 0, done.stdout

@@ -29,9 +29,8 @@ def run(*command):
         bare["CMAKE_CXX_COMPILER_LAUNCHER"] = "ccache"
     result = subprocess.run(
         list(map(str, command)),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        universal_newlines=True,
+        capture_output=True,
+        text=True,
         timeout=580,
         env={**bare, "PATH": "/usr/bin:/bin"},
     )
@@ -76,9 +75,7 @@ def exported():
 
 
 def test_recordings_are_the_same_bit_for_bit(bare, bags):
-    with_ros = subprocess.check_output(
-        [sys.executable, str(PRINT), *map(str, bags)], universal_newlines=True
-    ).splitlines()
+    with_ros = subprocess.check_output([sys.executable, str(PRINT), *map(str, bags)], text=True).splitlines()
     without = run(bare / "python", PRINT, *bags).splitlines()
     assert len(without) == len(bags)
     for path, wanted, found in zip(bags, with_ros, without):
