@@ -18,7 +18,7 @@ from conftest import MODEL, ROOT, free_port, simulate_run, write_bag
 from ground import cli
 from ground.data import info
 from ground.reading import messages as topics
-from ground.support import workers
+from ground.support import files, workers
 from ground.support.errors import GroundError
 from test_identify import write_csv
 
@@ -299,3 +299,95 @@ def test_the_identification_node_is_free_after_a_task_whatever_goes_wrong(tmp_pa
     for _ in range(2):  # the second one is not refused as busy
         with pytest.raises(rospy.ROSException):
             node.serve("fit", request)
+
+
+# --- outputs that are inputs, other kinds of files
+
+
+@pytest.fixture
+def copied(sample, tmp_path, monkeypatch):
+    """A copy of a run and a model as working folder."""
+    for name in ("run.bag", "model.yaml"):
+        shutil.copy(str(sample / name), str(tmp_path / name))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def contents(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}
+
+
+FIT = ["fit", "run.bag", "--model", "model.yaml", "--force", "-o"]
+SIMULATE = ["simulate", "--model", "model.yaml", "--input", "steps.csv", "--force", "-o"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        FIT + ["model.yaml"],
+        FIT + ["run.bag"],
+        FIT + ["./run.bag"],
+        FIT + ["symlink"],
+        FIT + ["hardlink"],
+        FIT + ["link_to_here/model.yaml"],
+        ["fit", "run.bag", "--holdout", "hardlink", "--model", "model.yaml", "--force", "-o"] + ["symlink"],
+        ["add", "motor_lag", "run.bag", "--model", "model.yaml", "--force", "-o", "model.yaml"],
+        ["add", "effect.yaml", "run.bag", "--model", "model.yaml", "--force", "-o", "effect.yaml"],
+        ["diagnose", "run.bag", "--model", "out/improved.yaml", "--force", "-o", "out"],
+        ["diagnose", "out/diagnosis.json", "--model", "model.yaml", "--force", "-o", "out"],
+        ["compare", "run.bag", "--model", "out/report.html", "--force", "-o", "out"],
+        ["compare", "run.bag", "--model", "out/fit.csv", "--force", "-o", "out"],
+        SIMULATE + ["model.yaml"],
+        SIMULATE + ["steps.csv"],
+        ["import", "steps.csv", "effect.yaml", "--force", "-o", "steps.csv"],
+    ],
+)
+def test_an_input_is_never_overwritten_even_with_force(copied, capsys, arguments):
+    (copied / "symlink").symlink_to("run.bag")
+    os.link(str(copied / "run.bag"), str(copied / "hardlink"))
+    (copied / "link_to_here").symlink_to(copied)
+    (copied / "steps.csv").write_text("time,left,right\n0,1,0\n1,0,1\n")
+    (copied / "effect.yaml").write_text("{name: motor_lag, tau: 0.05}")
+    (copied / "out").mkdir()
+    for name in ("improved.yaml", "report.html", "fit.csv"):
+        shutil.copy(str(MODEL), str(copied / "out" / name))
+    (copied / "out" / "run.wrench.fit.csv").symlink_to("fit.csv")
+    shutil.copy(str(copied / "run.bag"), str(copied / "out" / "diagnosis.json"))
+    before = contents(copied), contents(copied / "out")
+    fails(capsys, arguments, "is an input of this command", "choose another output")
+    assert before == (contents(copied), contents(copied / "out"))
+
+
+def test_programs_refuse_to_overwrite_their_inputs(copied, capsys):
+    (copied / "way.csv").write_text("time,x,y\n0,0,0\n5,1,0\n10,1,1\n")
+    before = contents(copied)
+    options = ["--model", "model.yaml", "--force"]
+    runs = lambda verb: lambda argv: cli.program(verb, argv)  # noqa: E731
+    fails(capsys, options + ["-o", "model.yaml"], "model.yaml: it is an input", run=runs("tune"))
+    more = ["--references", "way.csv:speed=0.5", "-o", "way.csv"]
+    fails(capsys, options + more, "way.csv: it is an input", run=runs("tune"))
+    assert before == contents(copied)
+
+
+def test_only_regular_files_are_replaced(copied, capsys):
+    os.mkfifo(str(copied / "pipe"))
+    (copied / "folder").mkdir()
+    fails(capsys, FIT + ["pipe"], "not a regular file")
+    fails(capsys, FIT + ["folder"], "is a folder")
+    fails(capsys, FIT + ["nowhere/f.yaml"], "no folder")
+
+
+def test_a_file_is_whole_or_not_there(tmp_path):
+    path = tmp_path / "new.json"
+    files.write_json(str(path), {"a": float("nan")})
+    assert path.read_text().split() == ["{", '"a":', "null", "}"]
+    with pytest.raises(GroundError, match="exists"):
+        files.write_json(str(path), {})
+    with pytest.raises(GroundError, match="exists"):
+        with files.new_file(str(tmp_path / "late.json")):
+            (tmp_path / "late.json").write_text("somebody else's")
+    with pytest.raises(ZeroDivisionError):
+        with files.new_file(str(path), force=True):
+            1 / 0  # noqa: B018
+    assert (tmp_path / "late.json").read_text() == "somebody else's"
+    assert sorted(contents(tmp_path)) == ["late.json", "new.json"]
