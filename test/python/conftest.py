@@ -94,6 +94,18 @@ def identify(*arguments):
     return result
 
 
+def succeeds(*arguments):
+    """The result of the tool, which must end without an error."""
+    result = identify(*arguments)
+    assert result.returncode == 0, result.stderr
+    return result
+
+
+def json_of(*arguments):
+    """What the tool prints with --json."""
+    return json.loads(succeeds(*arguments, "--json").stdout)
+
+
 @functools.lru_cache(maxsize=None)
 def schema(name):
     """The validator for a schema in docs/schemas."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import identify, simulate_run
+from conftest import identify, simulate_run, succeeds
 
 START = 1700000000.0
 
@@ -61,8 +61,7 @@ def renamed(run, names):
 def drafted(path, folder):
     """The Recording of a table by the mapping that is drafted from it."""
     draft = folder / "draft.yaml"
-    result = identify("info", path, "--write-mapping", draft, "--force")
-    assert result.returncode == 0, result.stderr
+    succeeds("info", path, "--write-mapping", draft, "--force")
     (found,) = ground.read(path, mapping=draft)
     return found
 
@@ -226,7 +225,7 @@ def test_a_trajectory_without_names_is_that_of_tum(run, tmp_path):
         tmp_path, {"t": run.times, "left": run.left, "right": run.right, "lift": run.lift}, name="cmd.csv"
     )
     draft = tmp_path.parent / "tum.yaml"
-    assert identify("info", tmp_path, "--write-mapping", draft, "--force").returncode == 0
+    succeeds("info", tmp_path, "--write-mapping", draft, "--force")
     with pytest.warns(ground.GroundWarning, match="no row names the columns: as of a trajectory of TUM"):
         (found,) = ground.read(tmp_path, mapping=draft)
     same(found, run)
@@ -724,8 +723,7 @@ def test_a_draft_looks_at_the_commands_of_all_rows_and_runs(run, tmp_path):
         long[name] = np.append(long[name][: -len(run.times)], strong[name])
     for path in (folder, written(tmp_path, long, name="long.csv")):
         draft = tmp_path / "draft.yaml"
-        result = identify("info", path, "--write-mapping", draft, "--force")
-        assert result.returncode == 0, result.stderr
+        succeeds("info", path, "--write-mapping", draft, "--force")
         assert draft.read_text().count("full: 200}") == 2, draft.read_text()
 
 

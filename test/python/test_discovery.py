@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, identify, schema, slow
+from conftest import MODEL, ROOT, identify, json_of, schema, slow, succeeds
 from ground import _core
 from ground.analysis.likelihood import Likelihood
 from ground.discovery import answer, beliefs, campaign, choice, flights, information, tracking, words
@@ -84,8 +84,7 @@ def truth(tmp_path_factory):
 def discovered(truth, tmp_path_factory):
     """What the verb has printed, its folder and its story."""
     out = tmp_path_factory.mktemp("discovered") / "found"
-    result = identify("discover", "--model", MODEL, "--truth", truth, "-o", out, *OPTIONS)
-    assert result.returncode == 0, result.stderr
+    result = succeeds("discover", "--model", MODEL, "--truth", truth, "-o", out, *OPTIONS)
     return result.stdout, out, Journal(str(out)).story()
 
 
@@ -149,9 +148,8 @@ def test_its_folder_has_all_that_it_tells(discovered):
 
 def test_the_same_command_adds_nothing_to_what_has_ended(discovered, truth):
     _, out, story = discovered
-    result = identify("discover", "--model", MODEL, "--truth", truth, "-o", out, *OPTIONS, "--json")
-    assert result.returncode == 0, result.stderr
-    assert json.loads(result.stdout) == plain(story) == json.loads((out / "journal.json").read_text())
+    again = json_of("discover", "--model", MODEL, "--truth", truth, "-o", out, *OPTIONS)
+    assert again == plain(story) == json.loads((out / "journal.json").read_text())
 
 
 def test_the_api_gives_the_result_as_a_table(discovered, truth):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, identify, located
+from conftest import MODEL, ROOT, identify, located, succeeds
 from ground import _core
 
 JETS = ROOT / "cfg" / "craft" / "air_table.yaml"
@@ -240,7 +240,7 @@ int main(void) {
 @pytest.mark.parametrize("compiler", [["cc", "-std=c99"], ["c++", "-xc++"]])
 def test_a_program_in_c_uses_the_header(compiler, tmp_path):
     craft = ground.Model.load(MODEL).with_effect("input_delay", delay=0.05).with_effect("motor_lag", tau=0.05)
-    assert identify("export", _saved(craft, tmp_path), "-o", tmp_path / "craft.h").returncode == 0
+    succeeds("export", _saved(craft, tmp_path), "-o", tmp_path / "craft.h")
     (tmp_path / "use.c").write_text(USE)
     strict = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "use.c", "-o", "use", "-lm"]
     subprocess.run([*compiler, *strict], cwd=str(tmp_path), check=True)
@@ -268,8 +268,7 @@ def _saved(craft, folder):
 
 def test_a_user_exports_a_model_and_reads_what_was_written(tmp_path):
     craft = _saved(ground.Model.load(MODEL).with_effect("motor_lag", tau=0.05), tmp_path)
-    said = identify("export", craft, "-o", tmp_path / "craft.py")
-    assert said.returncode == 0, said.stderr
+    said = succeeds("export", craft, "-o", tmp_path / "craft.py")
     assert "motor_lag.left" in said.stdout and re.search("1000 random states", said.stdout)
     text = (tmp_path / "craft.py").read_text()
     assert "time constant [s]" in text and "1000 random states" in text

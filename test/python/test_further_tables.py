@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import identify
+from conftest import identify, succeeds
 from test_any_table import START, Run, drafted, numbers, plain, same, written
 
 
@@ -145,11 +145,11 @@ def test_clocks_that_differ_are_told_with_what_to_write(run, tmp_path):
     commands = {"t": run.times, "left": run.left, "right": run.right, "lift": run.lift}
     written(folder, commands, name="cmd.csv")
     draft = tmp_path / "draft.yaml"
-    assert identify("info", folder, "--write-mapping", draft).returncode == 0
+    succeeds("info", folder, "--write-mapping", draft)
     result = identify("info", folder, "--mapping", draft)
     assert result.returncode == 1 and "clock_offset" in result.stderr and "1700000000.000" in result.stderr
     draft.write_text(draft.read_text() + "clock_offset: 1700000000\n")
-    assert identify("info", folder, "--mapping", draft).returncode == 0
+    succeeds("info", folder, "--mapping", draft)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import shlex
 import pytest
 
 import ground
-from conftest import MODEL, identify, with_effect, write_bag
+from conftest import MODEL, identify, succeeds, with_effect, write_bag
 from ground.diagnosing import answer
 from ground.support.headline import formatted
 
@@ -38,8 +38,7 @@ def first_lines(text):
 
 
 def said_by(*arguments):
-    result = identify(*arguments)
-    assert result.returncode == 0, result.stderr
+    result = succeeds(*arguments)
     return first_lines(result.stdout)
 
 
@@ -186,7 +185,7 @@ def test_after_simulated_runs_no_real_room_is_proposed(tmp_path):
     assert "room_" not in printed and "rosrun ground identify simulate" in printed, printed
     command = next(line for line in printed.splitlines() if "identify simulate" in line).split("identify ")[1]
     words = shlex.split(command.replace("next.bag", str(tmp_path / "next.bag")))
-    assert identify(*words).returncode == 0  # it runs as printed
+    succeeds(*words)  # it runs as printed
     diagnosis = ground.diagnose(MODEL, flown, only=only)
     told = str(diagnosis)
     call = next(line for line in told.splitlines() if "ground.simulate(" in line)

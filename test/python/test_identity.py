@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 import ground
-from conftest import MODEL, identify, write_bag
+from conftest import MODEL, identify, succeeds, write_bag
 
 FREE = ["k"]
 
@@ -49,8 +49,7 @@ def test_folders_for_training_and_for_tests_may_have_the_same_names(here):
     both = ground.fit(MODEL, ["train/run1.bag", "test/run1.bag"], free=FREE)
     assert len({run.run for run in both.runs}) == 2
     arguments = "--model", MODEL, "-o", here / "by_name.yaml", "--free", "k"
-    result = identify("fit", "train/run1.bag", "--holdout", "test/run1.bag", *arguments)
-    assert result.returncode == 0, result.stderr
+    succeeds("fit", "train/run1.bag", "--holdout", "test/run1.bag", *arguments)
     added = ground.add(MODEL, "yaw_bias", "train/run1.bag", holdout="test/run1.bag")
     assert "holdout" in added.error
 
@@ -234,8 +233,7 @@ def test_a_diagnosis_leaves_no_file_of_the_one_before(here, tmp_path):
     (out / "proposal.yaml").write_text("left by an older diagnosis")
     (out / "next_experiment.csv").write_text("left by an older diagnosis")
     (out / "notes.txt").write_text("mine")
-    second = identify("diagnose", misread, *arguments, "--force")
-    assert second.returncode == 0, second.stderr
+    second = succeeds("diagnose", misread, *arguments, "--force")
     left = files_in(out)
     assert "wrong" in second.stdout or "misread" in second.stdout
     assert "improved.yaml" not in left and left["notes.txt"] == b"mine"

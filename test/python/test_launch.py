@@ -1,7 +1,6 @@
 """Launch files as users start them: documentation, errors, recordings, and rviz."""
 
 import contextlib
-import json
 import os
 import pathlib
 import runpy
@@ -19,7 +18,19 @@ import rosbag
 import yaml
 
 import ground
-from conftest import MODEL, ROOT, free_port, identify, located, process, slow, wait_for, write_bag
+from conftest import (
+    MODEL,
+    ROOT,
+    free_port,
+    identify,
+    json_of,
+    located,
+    process,
+    slow,
+    succeeds,
+    wait_for,
+    write_bag,
+)
 from ground import _core
 
 RUNNING = 3  # ControllerStatus
@@ -197,9 +208,7 @@ def check_prediction(bag):
         errors = [m.eta_error for _, m, _ in messages.read_messages("/model_error") if m.excited]
     squares = np.mean(np.array(errors) ** 2, axis=0)
     live = 1e3 * np.sqrt(squares[0] + squares[1]), np.degrees(np.sqrt(squares[2]))
-    compared = identify("compare", "--json", "--numbers", "--model", MODEL, "-o", bag.with_suffix(""), bag)
-    assert compared.returncode == 0, compared.stderr
-    (run,) = json.loads(compared.stdout)["runs"]
+    (run,) = json_of("compare", "--numbers", "--model", MODEL, "-o", bag.with_suffix(""), bag)["runs"]
     (found,) = [h for h in run["models"]["tiny_whoover"]["horizons"] if h["seconds"] == 1.0]
     print(live, found)  # to see on failure
     assert live[0] == pytest.approx(found["position_mm"], rel=0.2)
@@ -589,8 +598,7 @@ def test_a_run_is_replayed_in_its_room_and_with_its_model(tmp_path, monkeypatch)
         pathlib.Path(name).write_text(text.replace('name: "Tiny Whoover"', "name: mine"))
     command = ["--input", "tracking", "--size", 1, "--duration", 2, "-o", "run.bag"]
     files = ["--model", "craft.yaml", "--room", "room.yaml", "--controller", "ModelPredictive"]
-    made = identify("simulate", *command, *files)
-    assert made.returncode == 0, made.stderr
+    succeeds("simulate", *command, *files)
     shown = loaded("replay.launch", "bag:=run.bag")
     assert shown["/visualizer/room"] == str(tmp_path / "room.yaml")
     for node in ("/live_comparison", "/visualizer"):
@@ -615,8 +623,7 @@ def test_rviz_shows_a_recording_against_two_models(tmp_path):
     truth = str(ROOT / "test" / "rostest" / "tilted_craft.yaml")
     bag = str(tmp_path / "run.bag")
     tracking = ["--input", "tracking", "--reference", "circle", "--size", "1", "--duration", "40"]
-    simulated = identify("simulate", "--model", truth, "-o", bag, *tracking)
-    assert simulated.returncode == 0, simulated.stderr
+    succeeds("simulate", "--model", truth, "-o", bag, *tracking)
 
     if not shutil.which("rviz") or not shutil.which("Xvfb"):
         pytest.skip("rviz or Xvfb is not installed")
@@ -734,8 +741,7 @@ def test_two_crafts_are_recorded_with_their_own_names_and_a_mocap_of_both(tmp_pa
     for verb in ("info", "fit", "compare"):
         model = ["--model", MODEL] if verb != "info" else []
         output = ["-o", tmp_path / verb] if verb != "info" else []
-        shown = identify(verb, both, "--namespace", "a", "--pose-topic", "/mocap/first/pose", *model, *output)
-        assert shown.returncode == 0, shown.stderr
+        succeeds(verb, both, "--namespace", "a", "--pose-topic", "/mocap/first/pose", *model, *output)
 
 
 def test_a_topic_that_nobody_publishes_is_missed_at_once_and_at_the_end(tmp_path):
@@ -804,8 +810,7 @@ def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
         assert "nothing more is recorded" in line
         assert not kill("__name:=ground_manager", launch.env["ROS_MASTER_URI"]), "all nodes have ended"
     assert not list(tmp_path.glob("*_killed_0.bag"))
-    info = identify("info", active)
-    assert info.returncode == 0, info.stderr
+    succeeds("info", active)
     copy = tmp_path / "copy.bag"
     shutil.copyfile(str(active), str(copy))
     with rosbag.Bag(str(copy), "a", allow_unindexed=True) as bag:

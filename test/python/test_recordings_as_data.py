@@ -12,7 +12,7 @@ import rosbag
 from geometry_msgs.msg import PointStamped
 
 import ground
-from conftest import MODEL, identify, simulate_run, write_bag
+from conftest import MODEL, identify, simulate_run, succeeds, write_bag
 from containers import write_csv
 from ground.checks import quality
 from ground.data import measured
@@ -299,8 +299,7 @@ def test_files_have_the_permissions_that_the_umask_leaves(tmp_path):
             ["add", "yaw_bias", bag, "--model", MODEL, "-o", tmp_path / "added.yaml"],
             ["compare", bag, "--model", MODEL, "-o", tmp_path / "compared"],
         ):
-            result = identify(*arguments)
-            assert result.returncode == 0, result.stderr
+            succeeds(*arguments)
     finally:
         os.umask(before)
     written = [path for path in tmp_path.rglob("*") if path.is_file()]

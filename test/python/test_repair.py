@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from conftest import identify, recording_of, simulate_run
+from conftest import identify, recording_of, simulate_run, succeeds
 from ground.poses import angles, headings
 from ground.support.errors import GroundError
 
@@ -160,7 +160,6 @@ def test_every_verb_says_that_the_heading_stepped(tmp_path):
     at = np.maximum(np.searchsorted(inputs[:, 0], times, side="right") - 1, 0)
     rows += ["%.4f,%.6f,%.6f,%.6f,%g,%g" % (t, *pose, *inputs[i, 1:3]) for t, pose, i in zip(times, eta, at)]
     (tmp_path / "run.csv").write_text("\n".join(rows) + "\n")
-    result = identify("info", tmp_path / "run.csv", "--write-mapping", tmp_path / "mapping.yaml")
-    assert result.returncode == 0, result.stderr
+    succeeds("info", tmp_path / "run.csv", "--write-mapping", tmp_path / "mapping.yaml")
     result = identify("info", tmp_path / "run.csv", "--mapping", tmp_path / "mapping.yaml")
     assert "one pattern of markers for another" in " ".join(result.stdout.split()), result.stdout

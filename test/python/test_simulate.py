@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from conftest import MODEL, ROOT, identify, process, program
+from conftest import MODEL, ROOT, identify, json_of, process, program, succeeds
 from test_identify import fails
 
 POSE, TRUTH = "/vrpn_client_node/hovercraft/pose", "/simulator/truth"
@@ -105,8 +105,7 @@ def sagging(tmp_path_factory):
     assert "effects: []" in text
     model.write_text(text.replace("effects: []", "effects: [{name: battery_sag, tau: 25}]"))
     path = folder / "whole.bag"
-    result = identify("simulate", "--model", model, "--input", "prbs", "--duration", 30, "-o", path)
-    assert result.returncode == 0, result.stderr
+    succeeds("simulate", "--model", model, "--input", "prbs", "--duration", 30, "-o", path)
     return model, path
 
 
@@ -184,8 +183,7 @@ def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
     same = digest_of_messages if kind == "tracking" else digest
     assert same(first) == same(again)
     assert same(first) != same(other)
-    info = identify("info", first, "--json")
-    assert info.returncode == 0, info.stderr
+    succeeds("info", first, "--json")
 
 
 def test_csv_of_a_recording_plays_at_its_clock_and_reports_it(tmp_path):
@@ -243,11 +241,10 @@ def test_the_controller_in_the_loop(tmp_path):
 
 def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
     out = tmp_path / "run.bag"
-    result = identify(
+    result = succeeds(
         *["simulate", "--model", MODEL, "--input", "tracking", "-o", out, "--json"],
         *["--gap-rate", 0.3, "--gap-length", 1],
     )
-    assert result.returncode == 0
     assert "the controller stopped: the state is stale" in result.stderr
     summary = json.loads(result.stdout)
     assert summary["stopped"] == "the state is stale" and summary["duration"] < 20
@@ -313,10 +310,9 @@ def test_the_disturbance_of_a_model_acts_on_request(tmp_path):
 
     def bag(name, *options):
         out = tmp_path / name
-        result = identify(
+        result = succeeds(
             "simulate", "--model", model, "--input", "prbs", "--duration", 2, "-o", out, *options
         )
-        assert result.returncode == 0, result.stderr
         return digest(out), result.stdout
 
     still, output = bag("still.bag")
@@ -398,9 +394,7 @@ def test_the_bag_has_the_bursts(excited):
 def test_a_fit_reads_a_bag_of_bursts(excited, tmp_path):
     path, _ = excited
     out = tmp_path / "fitted.yaml"
-    result = identify("fit", path, "--model", MODEL, "-o", out, "--json")
-    assert result.returncode == 0, result.stderr
-    fit = json.loads(result.stdout)["parameters"]
+    fit = json_of("fit", path, "--model", MODEL, "-o", out)["parameters"]
     assert fit["k"]["value"] == pytest.approx(0.062, rel=0.03)
     assert fit["I_z"]["value"] == pytest.approx(8.8e-5, rel=0.03)
 
@@ -414,11 +408,10 @@ def test_a_tracking_controller_stays_inside(tmp_path):
 
 def test_a_craft_that_would_leave_is_stopped_and_the_run_is_kept(tmp_path):
     out = tmp_path / "run.bag"
-    result = identify(
+    result = succeeds(
         *["simulate", "--model", MODEL, "--input", "prbs", "--room", ROOM, "-o", out],
         *["--start-velocity", 3, 0, 0],
     )
-    assert result.returncode == 0, result.stderr
     (message,) = result.stderr.strip().splitlines()
     assert message.startswith("identify simulate: the controller stopped: ")
     assert "of the room" in message

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, free_port, identify, located
+from conftest import MODEL, ROOT, free_port, identify, json_of, located
 from ground.analysis import missing_wrench
 from ground.exporting import channels, viewers
 from ground.poses import angles, repair
@@ -56,9 +56,7 @@ def diagnosis(run, tmp_path_factory):
 def exported(run, diagnosis, tmp_path_factory):
     """What the command line says, and the messages of its file."""
     path = tmp_path_factory.mktemp("mcap") / "run.mcap"
-    said = identify("export", run, diagnosis, "--mcap", path, "--json")
-    assert said.returncode == 0, said.stderr
-    return json.loads(said.stdout), foxglove_client.read_mcap(path)
+    return json_of("export", run, diagnosis, "--mcap", path), foxglove_client.read_mcap(path)
 
 
 def numbers(messages, *fields):

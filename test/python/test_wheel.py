@@ -13,7 +13,7 @@ import sys
 import pytest
 import rosbag
 
-from conftest import MODEL, ROOT, SHARED, identify, program, slow
+from conftest import MODEL, ROOT, SHARED, identify, program, slow, succeeds
 from test_downstream import devel_space
 
 PRINT = ROOT / "test" / "python" / "print_recording.py"
@@ -63,10 +63,10 @@ def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bags")
     simulated, real = folder / "simulated.bag", folder / "real.bag"
     options = ("--model", MODEL, "--input", "prbs", "--duration", 8, "--seed", 3)
-    assert identify("simulate", *options, "-o", simulated).returncode == 0
+    succeeds("simulate", *options, "-o", simulated)
     if not SHARED.is_dir():
         return [simulated]
-    assert identify("import", *exported(), "-o", real).returncode == 0
+    succeeds("import", *exported(), "-o", real)
     return [simulated, real]
 
 
