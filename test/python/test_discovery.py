@@ -211,24 +211,6 @@ def analyst():
     return Analyst(given(), room(), 1)
 
 
-def seen(analyst, *chosen):
-    """{effect: visibility} of some pieces."""
-    questions = analyst.start.questions
-    offers = [o for o in analyst.first_offers if o.piece.words in chosen]
-    assert len(offers) == len(chosen)
-    visibility = questions.visibility(sum(offer.gain for offer in offers))
-    return {q.about: v for q, v in zip(questions.asked, visibility)}
-
-
-def test_what_inputs_do_not_excite_is_not_visible(analyst):
-    full = seen(analyst, "PRBS of 10 Hz between 0 and 1 of full thrust")
-    low = seen(analyst, "PRBS of 10 Hz between 0 and 1 of full thrust, lift at 0.6")
-    # at full lift the skirt does not touch the floor; on-off inputs do not show a curve
-    assert full["skirt_friction"] < 0.1 < 20 < low["skirt_friction"]
-    assert full["thrust_curve"] < 0.1 and low["thrust_curve"] < 0.1
-    assert seen(analyst, "random levels, 0.25 s each")["thrust_curve"] > 20
-
-
 @pytest.mark.parametrize("part, state", [(0.5, SLIGHT), (2.0, PRESENT)])
 @pytest.mark.parametrize("effect, parameter", [("input_delay", "delay"), ("yaw_bias", "n0")])
 def test_what_is_smaller_than_what_matters_is_not_found(analyst, effect, parameter, part, state):

@@ -1,6 +1,5 @@
 """The real recordings of the second craft: raw files as they are, with one mapping file."""
 
-import json
 import re
 
 import numpy as np

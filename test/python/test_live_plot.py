@@ -121,11 +121,6 @@ def test_predictions_are_off_in_millimetres_and_degrees_beside_the_noise(window)
     assert "no excitation" in told(window)[2]
 
 
-def test_a_model_that_fails_is_named_with_the_time():
-    error = ModelError(model="mine", failure="does not predict yaw since 1.0 s")
-    assert live_plot.off_in_words(error).startswith("mine does not predict yaw since 1.0 s: ")
-
-
 def test_a_pause_keeps_the_curves_and_the_cursor_shows_their_values(window):
     drive(window.feed, 1000, 10)
     window.redraw()

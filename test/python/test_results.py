@@ -168,10 +168,3 @@ def test_results_are_copied_to_other_processes(craft, runs, fitted, compared, di
     again.save(tmp_path / "copy")
     assert (tmp_path / "copy" / "report.html").stat().st_size > 1e5
     assert isinstance(pickle.loads(pickle.dumps(runs[0])), SimulatedRun)
-
-
-def test_runs_are_worked_on_in_parallel(craft, runs):
-    joblib = pytest.importorskip("joblib")
-    found = joblib.Parallel(2)(joblib.delayed(ground.fit)(craft, run, free=["k"]) for run in runs)
-    alone = [ground.fit(craft, run, free=["k"]) for run in runs]
-    assert [one.model for one in found] == [one.model for one in alone]

@@ -1,15 +1,12 @@
 """Runs for Foxglove and other viewers: MCAP files are read back, and a live view meets strange messages."""
 
-import importlib.util
 import json
 import math
 import os
 import re
 import subprocess
-import sys
 import time
 import xml.etree.ElementTree
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -163,28 +160,6 @@ def test_an_mcap_file_is_replaced_only_by_force(run, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["run.mcap"]
 
 
-def test_commands_of_other_thrusters_have_their_names(tmp_path):
-    four = ground.Model.load(ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml")
-    made = ground.simulate(four, "multilevel-prbs", duration=10)
-    made.save(tmp_path / "four.bag")
-    mapping = ROOT / "cfg" / "mapping" / "four_thrusters.yaml"
-    path = tmp_path / "four.mcap"
-    said = identify("export", tmp_path / "four.bag", "--mcap", path, "--mapping", mapping)
-    if said.returncode:  # the bag has ground's own topics
-        said = identify("export", tmp_path / "four.bag", "--mcap", path)
-    assert said.returncode == 0, said.stderr
-    fields = foxglove_client.read_mcap(path)["/commands"][0][1].DESCRIPTOR.fields_by_name
-    assert list(fields) == list(four.core.channels)
-
-
-def test_without_the_library_a_sentence_says_what_to_install(run, tmp_path):
-    for version, words in (((3, 8), "Python 3.10"), ((3, 12), "pip install foxglove-sdk")):
-        with mock.patch.object(importlib.util, "find_spec", return_value=None):
-            with mock.patch.object(sys, "version_info", version):
-                with pytest.raises(ground.GroundError, match=re.escape(words)):
-                    ground.to_mcap(run, tmp_path / "run.mcap")
-
-
 def test_layouts_show_only_channels_that_there_are():
     known = {topic + "." + f for topic, kind in channels.KINDS.items() for f in (*kind.numbers, *kind.texts)}
     known |= {"%s.%s" % (topic, name) for topic in channels.COMMANDS for name in ("left", "right", "lift")}
@@ -320,24 +295,6 @@ def test_numbers_that_are_not_finite_reach_the_viewer_and_stop_nothing():
         assert all(math.isnan(m.u_m_s) for m in shown.messages("/state", 20))
         (frame,) = [f for f in shown.messages("/tf")[-1].transforms if f.child_frame_id == "hovercraft"]
         assert frame.translation.x == 0.5 and shown.messages("/scene/craft")
-
-
-def test_a_model_that_fails_is_said_once_with_the_next_step():
-    msgs = ros_messages()
-    from ground.nodes.live_viewer import LiveViewer
-
-    with Shown() as shown:
-        viewer = LiveViewer(shown.view, lambda: None)
-        shown.view.say(0, "test", "makes the channel")
-        shown.subscribed("/log")
-        words = ["", "does not predict yaw since 1.0 s", "does not predict yaw since 1.0 s", ""]
-        for i, failure in enumerate(words):
-            error = stamped(
-                msgs.ModelError, 3 + i, model="mine", horizon=1.0, failure=failure, next="diagnose"
-            )
-            viewer.take("model_error", error)
-        said = [m.message for m in shown.messages("/log", 2) if m.name == "mine"]
-    assert said == ["does not predict yaw since 1.0 s; next: diagnose", "predicts the motion again"]
 
 
 def test_time_that_jumps_back_begins_a_new_view():
