@@ -5,16 +5,19 @@ import dataclasses
 import json
 import pathlib
 import re
+import shutil
 import types
 
 import numpy as np
 import pytest
 
 import ground
+from browsing import assert_fits, assert_sound, open_page
 from conftest import MODEL, ROOT, identify, json_of, schema, slow, succeeds
 from ground import _core
 from ground.analysis.likelihood import Likelihood
 from ground.discovery import answer, beliefs, campaign, choice, flights, information, tracking, words
+from ground.discovery import page as discovery_page
 from ground.discovery.analyst import Analyst
 from ground.discovery.campaign import FlightCampaign
 from ground.discovery.flights import CampaignSettings
@@ -201,6 +204,96 @@ def test_wrong_options_are_refused_before_the_first_flight(tmp_path, truth, opti
     assert result.returncode == status
     assert reason in result.stderr.splitlines()[-1], result.stderr
     assert not out.exists()
+
+
+# --- Its page
+
+
+def paged(story, folder, place):
+    """Path of the page of a story that went through journal.json."""
+    again = Story.from_dict(plain(story))
+    return pathlib.Path(discovery_page.write(again, str(folder), place))
+
+
+@pytest.fixture
+def copied(discovered, tmp_path):
+    """The folder of the discovery without its recordings, and its story."""
+    _, out, _ = discovered
+    shutil.copytree(out, tmp_path / "copy", ignore=shutil.ignore_patterns("*.bag"))
+    return tmp_path / "copy", Journal(str(out)).story()
+
+
+def test_its_page_shows_each_flight_as_planned_and_as_flown(discovered, browser):
+    _, out, story = discovered
+    names = open_page(browser, out / "report.html")
+    assert len(names) == 1 + len(story.flights)  # errors; a figure of each flight
+    assert_sound(browser, names)
+    drawn, count = browser.execute_script(
+        "const t = document.getElementById('figure1').data;"
+        "return [t.map(t => t.name), t.find(t => t.name === 'planned').y.length]"
+    )
+    assert drawn[:4] == ["walls", "planned", "flown", "start"] and count > 100
+    assert "input, left" in drawn and "input, lift" in drawn
+
+
+def unstarted(story):
+    return Story("", "", 180.0)
+
+
+def stopped(story):
+    """The first flight was stopped before anything was recorded."""
+    plan = dataclasses.replace(story.flights[0].flight, path=[], why="")
+    flights = [Flown(plan, "", 0.4, GIVEN, stopped="no pose for 0.5 s")]
+    return Story(story.craft, story.room, 180.0, versions=story.versions[:1], flights=flights)
+
+
+def unfinished(story):
+    """All values that can be missing are: errors, floors, paths, tracking."""
+    check = dataclasses.replace(story.tracking, before=None, after=None, taken_back=True)
+    flights = [
+        dataclasses.replace(flown, floor=None, path=[], errors=dict.fromkeys(flown.errors))
+        for flown in story.flights
+    ]
+    findings = [dataclasses.replace(f, beliefs=[], sentences=[], open=[]) for f in story.findings]
+    planned = dataclasses.replace(story.flights[0].flight, number=len(flights) + 1)
+    return dataclasses.replace(
+        story, ended=False, confirmation=None, activity="diagnoses", tracking=check, flights=flights,
+        findings=findings, planned=planned,
+    )  # fmt: skip
+
+
+def long(story):
+    """Twenty flights, most of which change nothing."""
+    first, made = story.flights[0], dataclasses.replace(story)
+    for number in range(len(story.flights) + 1, 21):
+        label = "after flight %d" % number
+        errors = {version.label: (22.0, 4.0) for version in made.versions}
+        plan = dataclasses.replace(first.flight, number=number)
+        made.versions = [*made.versions, dataclasses.replace(made.versions[-1], label=label, after=number)]
+        made.flights = [*made.flights, dataclasses.replace(first, flight=plan, errors=errors)]
+        made.findings = [*made.findings, dataclasses.replace(made.findings[-1], after=number, label=label)]
+    return made
+
+
+@pytest.mark.parametrize("change", [unstarted, stopped, unfinished, long], ids=lambda change: change.__name__)
+def test_a_story_has_a_page_at_any_time(change, copied, browser, as_wide_as):
+    folder, story = copied
+    page = paged(change(story), folder, room())
+    for width in (400, 1200):
+        as_wide_as(width)
+        names = open_page(browser, page)
+        assert_fits(browser, width)
+    assert_sound(browser, names)
+
+
+def test_missing_and_damaged_files_are_left_out_of_a_page(copied):
+    folder, story = copied
+    assert "motor_lag.tau" in (folder / "report.html").read_text()
+    (folder / story.versions[-1].file).write_text("nonsense")
+    (folder / story.flights[0].flight.inputs).write_text("time,left,right,lift\n0,1,oops,1\n")
+    (folder / story.flights[1].flight.inputs).unlink()
+    text = paged(story, folder, None).read_text()
+    assert "Flight 3" in text and "motor_lag.tau" not in text
 
 
 # --- What flights show

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, slow
 
 sys.path.insert(0, str(ROOT / "test"))
 import requirements
@@ -90,6 +90,7 @@ def test_no_worst_case_is_beyond_its_limit(name):
     assert late and max(late) < 1e3 * promise["limit"]
 
 
+@slow
 def test_tests_fail_without_the_rule():
     """Those of the search over all sequences of events; `make promises` tries all."""
     program = str(ROOT / "build" / "devel" / "lib" / "ground" / "ground_search_test")

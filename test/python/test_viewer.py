@@ -232,22 +232,14 @@ def test_texts_of_any_kind_are_shown_as_texts():
     with Shown() as shown:
         viewer = LiveViewer(shown.view, lambda: None)
         status = stamped(msgs.SenderStatus, 3, state=2, reason=HOSTILE, peer=HOSTILE)
-        beliefs = stamped(
-            msgs.DiscoveryStatus,
-            3,
-            activity=HOSTILE,
-            belief_effects=[HOSTILE],
-            beliefs=[0.5],
-            belief_states=["open"],
-        )
-        controls = stamped(
-            msgs.Controls, 3, channels=["7<b>", "ö", "7<b>"], thrusters=[0.1, 0.2, 0.3], lift=1.0
-        )
-        error = stamped(msgs.ModelError, 3, model=HOSTILE, failure=HOSTILE, horizon=1.0, excited=True)
-        sent = [("sender/status", status), ("discovery/status", beliefs)]
-        sent += [
-            ("controls", controls),
-            ("model_error", error),
+        belief = {"belief_effects": [HOSTILE], "beliefs": [0.5], "belief_states": ["open"]}
+        controls = {"channels": ["7<b>", "ö", "7<b>"], "thrusters": [0.1, 0.2, 0.3], "lift": 1.0}
+        error = {"model": HOSTILE, "failure": HOSTILE, "horizon": 1.0, "excited": True}
+        sent = [
+            ("sender/status", status),
+            ("discovery/status", stamped(msgs.DiscoveryStatus, 3, activity=HOSTILE, **belief)),
+            ("controls", stamped(msgs.Controls, 3, **controls)),
+            ("model_error", stamped(msgs.ModelError, 3, **error)),
             ("state", stamped(msgs.State, 3, status=HOSTILE)),
         ]
         for _ in range(2):  # the first ones make the channels
@@ -264,12 +256,8 @@ def test_texts_of_any_kind_are_shown_as_texts():
         assert all("<script>alert(1)</script>" in text for text in texts)
         assert not any(c in text for text in texts for c in "\x1b\x00\u202e\ud800")
         commands = shown.messages("/commands")[-1]
-        assert sorted(getattr(commands, f) for f in commands.DESCRIPTOR.fields_by_name) == [
-            0.1,
-            0.2,
-            0.3,
-            1.0,
-        ]
+        values = [getattr(commands, name) for name in commands.DESCRIPTOR.fields_by_name]
+        assert sorted(values) == [0.1, 0.2, 0.3, 1.0]
 
 
 def test_numbers_that_are_not_finite_reach_the_viewer_and_stop_nothing():
