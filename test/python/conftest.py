@@ -6,6 +6,7 @@ import io
 import json
 import os
 import pathlib
+import runpy
 import shutil
 import socket
 import subprocess
@@ -21,6 +22,7 @@ from ground.support import progress
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "epfl_2019"
+SCRIPTS = ROOT / "src" / "ground" / "scripts"
 MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
 sys.path.insert(0, str(ROOT / "test" / "bench"))
 # Tests of minutes whose subject seldom changes
@@ -127,6 +129,14 @@ def program(name, *arguments):
             except SystemExit as end:  # raised by argparse
                 status = end.code
     return subprocess.CompletedProcess([name] + argv, status, out.getvalue(), err.getvalue())
+
+
+def script(monkeypatch, name, *arguments):
+    """Exit status of a program, run in this process."""
+    monkeypatch.setattr("sys.argv", [name] + [str(a) for a in arguments])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(SCRIPTS / name), run_name="__main__")
+    return ended.value.code or 0
 
 
 @functools.lru_cache(maxsize=None)

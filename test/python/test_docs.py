@@ -13,12 +13,11 @@ from unittest import mock
 
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, SCRIPTS
 from ground import _core, cli
 
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
 PAGES += sorted((ROOT / "docs").rglob("*.md"))
-SCRIPTS = ROOT / "src" / "ground" / "scripts"
 IMAGE_OR_LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```(\S*)\n(.*?)^```$", re.M | re.S)
 

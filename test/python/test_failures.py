@@ -4,25 +4,21 @@ import contextlib
 import json
 import os
 import resource
-import runpy
 import shutil
 import signal
-import subprocess
 from unittest import mock
 
 import numpy as np
 import pytest
 import rosbag
 
-from conftest import MODEL, ROOT, free_port, simulate_run, write_bag
+from conftest import MODEL, SCRIPTS, free_port, script, simulate_run, write_bag
 from ground import cli
 from ground.data import info
 from ground.reading import messages as topics
 from ground.support import files, workers
 from ground.support.errors import GroundError
 from test_identify import write_csv
-
-SCRIPTS = ROOT / "src" / "ground" / "scripts"
 
 
 @pytest.fixture(scope="module")
@@ -219,28 +215,13 @@ def test_only_debug_shows_a_traceback(capsys, monkeypatch, error, words):
     assert cli.main(["info", "a"]) == 1 and "Traceback" in capsys.readouterr().err
 
 
-def script(monkeypatch, name, *arguments):
-    """Exit status of a program, run in this process."""
-    monkeypatch.setattr("sys.argv", [name] + [str(a) for a in arguments])
-    with pytest.raises(SystemExit) as ended:
-        runpy.run_path(str(SCRIPTS / name), run_name="__main__")
-    return ended.value.code or 0
-
-
 @pytest.mark.parametrize("name", sorted(path.name for path in SCRIPTS.iterdir()))
-def test_every_program_has_help_without_a_master(name):
+def test_every_program_has_help_without_a_master(name, monkeypatch, capsys):
     """As README promises; nodes are programs, too."""
-    environment = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % free_port())
-    shown = subprocess.run(
-        [str(SCRIPTS / name), "--help"],
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert shown.returncode == 0 and "usage: %s" % name in shown.stdout, shown
-    assert shown.stderr == ""
+    monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:%d" % free_port())
+    assert script(monkeypatch, name, "--help") == 0
+    shown = capsys.readouterr()
+    assert "usage: %s" % name in shown.out and shown.err == ""
 
 
 def killed(_):

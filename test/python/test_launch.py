@@ -11,6 +11,7 @@ import subprocess
 import time
 import types
 import xml.etree.ElementTree
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ import ground
 from conftest import (
     MODEL,
     ROOT,
+    SCRIPTS,
     free_port,
     identify,
     json_of,
@@ -240,14 +242,31 @@ MISTAKES = [
 ]
 
 
+START, PRINTED = os.getcwd(), {}
+
+
 def configured(name, *arguments):
-    """The configuration that roslaunch reads from a launch file, before it starts anything."""
+    """The configuration that roslaunch reads from a launch file, before it starts anything.
+
+    A launch file takes the values of some twenty parameters from programs. Those that ended well are not
+    started again, except by tests whose files are in a working folder of their own."""
     from roslaunch.config import ROSLaunchConfig
+    from roslaunch.loader import Loader
     from roslaunch.xmlloader import XmlLoader
 
+    value_of = Loader.param_value
+
+    def remembered(loader, *given):
+        key = given[-1], os.environ.get("ROS_HOME")  # the last one is the command
+        if not given[-1] or os.getcwd() != START:
+            return value_of(loader, *given)
+        if key not in PRINTED:
+            PRINTED[key] = value_of(loader, *given)
+        return PRINTED[key]
+
     config = ROSLaunchConfig()
-    file = str(ROOT / "launch" / name)
-    XmlLoader().load(file, config, argv=list(arguments), verbose=False)
+    with mock.patch.object(Loader, "param_value", remembered):
+        XmlLoader().load(str(ROOT / "launch" / name), config, argv=list(arguments), verbose=False)
     return config
 
 
@@ -510,7 +529,7 @@ def test_the_loopback_address_is_for_a_master_on_this_computer_and_replaces_no_c
 
 
 def test_a_demo_that_does_not_start_says_why(tmp_path):
-    demo = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "demo"))
+    demo = runpy.run_path(str(SCRIPTS / "demo"))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("", demo["PORTS"]["udp"]))
         shown = process("demo", "--out", tmp_path)
@@ -530,7 +549,7 @@ def test_two_simulations_in_one_launch_are_refused_and_two_real_crafts_are_not(t
         ),
     ):
         mine.write_text("<launch>%s</launch>" % "".join(include % (ns, name, more) for ns in "ab"))
-        check = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "check_launch"))
+        check = runpy.run_path(str(SCRIPTS / "check_launch"))
         launch, _ = check["load"](types.SimpleNamespace(port=free_port()), [str(mine)], [])
         problem = check["timed"](launch)
         assert bool(problem) == expected and (not problem or "publish /clock" in problem), problem
