@@ -67,6 +67,21 @@ def one_preparation():
         yield
 
 
+def nominal():
+    """MODEL as the core has it; each call gives another copy."""
+    from ground import _core
+
+    return _core.load_model(str(MODEL))
+
+
+@pytest.fixture(scope="session")
+def craft():
+    """MODEL as users have it."""
+    import ground
+
+    return ground.Model.load(MODEL)
+
+
 @pytest.fixture(scope="session")
 def flown(tmp_path_factory):
     """A bag of a craft with a constant yaw moment of 2e-5 N m, which its model does not have."""

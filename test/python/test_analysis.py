@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from conftest import MODEL, ROOT, run_data
+from conftest import ROOT, run_data
+from conftest import nominal as model
 from ground import _core
 from ground.analysis import comparison, dictionary, evidence, formula_words, missing_wrench, tracks
 from ground.analysis.samples import Scales, memory
 from ground.fitting import identifiability
-
-
-def model():
-    return _core.load_model(str(MODEL))
 
 
 def test_p_values_are_those_of_the_mixture():

@@ -14,6 +14,7 @@ import pytest
 import ground
 from browsing import assert_fits, assert_sound, open_page
 from conftest import MODEL, ROOT, identify, json_of, schema, slow, succeeds
+from conftest import nominal as given
 from ground import _core
 from ground.analysis.likelihood import Likelihood
 from ground.discovery import answer, beliefs, campaign, choice, flights, information, tracking, words
@@ -39,10 +40,6 @@ SIDE_FORCE = {
     "expression": {"Y": "a*r*u"},
     "parameters": {"a": {"value": 0.0047, "unit": "N s^2/m", "neutral": 0.0, "lower": -1, "upper": 1}},
 }
-
-
-def given():
-    return _core.load_model(str(MODEL))
 
 
 def room():
@@ -104,8 +101,8 @@ def test_it_finds_the_hidden_effect_and_confirms_it(discovered):
     assert last.flight.purpose == CONFIRM
     assert all(version.after < last.flight.number for version in story.versions)
     assert list(last.errors) == [version.label for version in story.versions]
-    for given, final in zip(last.errors[GIVEN], last.errors[story.findings[-1].label]):
-        assert final < 0.5 * given
+    for at_first, final in zip(last.errors[GIVEN], last.errors[story.findings[-1].label]):
+        assert final < 0.5 * at_first
     floors = [(off, flown.floor) for flown in story.flights if flown.floor for off in flown.errors.values()]
     assert len(floors) > 3
     for off, floor in floors:  # no model is better than the truth, but for chance

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT
+from conftest import ROOT
 
 FORMULA = dict(X="a*sin(2*pi*x/0.3)", a=(0.01, "N"), frame="world")
 FILE = """name: washboard
@@ -15,11 +15,6 @@ expression: {X: "a*sin(2*pi*x/0.3)"}
 parameters:
   a: {value: 0.01, unit: N, lower: -1, upper: 1}
 """
-
-
-@pytest.fixture(scope="module")
-def craft():
-    return ground.Model.load(MODEL)
 
 
 def waves(state, inputs, a):

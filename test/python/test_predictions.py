@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import hidden_cases
-from conftest import MODEL, slow
+from conftest import nominal as hovercraft
+from conftest import slow
 from ground import _core
 from ground.analysis import bands, folds, horizon, judge, window_error, windows
 from ground.analysis.horizon import Starts
@@ -117,10 +118,6 @@ body:
     - {name: left, position: [0, -0.11], direction: 0, range: [-0.25, 0.25]}
     - {name: right, position: [0, 0.11], direction: 0, range: [-0.25, 0.25]}
 """
-
-
-def hovercraft():
-    return _core.load_model(str(MODEL))
 
 
 def free_flyer():

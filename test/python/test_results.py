@@ -7,13 +7,8 @@ import pandas
 import pytest
 
 import ground
-from conftest import MODEL, ROOT
+from conftest import ROOT
 from ground.simulation.simulated_run import SimulatedRun
-
-
-@pytest.fixture(scope="module")
-def craft():
-    return ground.Model.load(MODEL)
 
 
 @pytest.fixture(scope="module")
