@@ -63,6 +63,11 @@ def roslaunch(log, *arguments, **environment):
                 process.wait()
 
 
+def udp():
+    """The argument that gives a launch a free port to its craft."""
+    return "port:=%d" % free_port(socket.SOCK_DGRAM)
+
+
 def answer(launch, *command, timeout=20):
     """Standard output of a command on the master of a launch."""
     done = subprocess.run(
@@ -143,18 +148,9 @@ def test_an_empty_recording_leaves_no_file(tmp_path, number):
 
 def record_short_run(log, bags):
     """Records an experiment of 8 s with a live change of two nodes; gives its bag."""
-    port = free_port(socket.SOCK_DGRAM)
-    with roslaunch(
-        log,
-        "sim_prbs.launch",
-        "duration:=8",
-        "record:=true",
-        "bag_dir:=%s" % bags,
-        "experiment:=short",
-        "exit_when_done:=true",
-        "heading_offset:=0.25",
-        "port:=%d" % port,
-    ) as launch:
+    flight = ["duration:=8", "exit_when_done:=true", "heading_offset:=0.25", udp()]
+    recorded = ["record:=true", "bag_dir:=%s" % bags, "experiment:=short"]
+    with roslaunch(log, "sim_prbs.launch", *flight, *recorded) as launch:
         wait_for(lambda: list(bags.glob("*_short_0.bag.active")), 30, "the recording")
         changes = [
             subprocess.Popen([located("parameters")] + change, env=launch.env)
@@ -330,16 +326,8 @@ def test_bench_puts_zero_before_each_level_and_plays_them_once():
 
 def test_the_bench_prints_its_levels_and_writes_a_table_beside_the_bag(tmp_path):
     log = tmp_path / "log"
-    port = free_port(socket.SOCK_DGRAM)
-    with roslaunch(
-        log,
-        "bench.launch",
-        "simulated:=true",
-        "levels:=0.5 1",
-        "hold:=1",
-        "bag_dir:=%s" % tmp_path,
-        "port:=%d" % port,
-    ) as launch:
+    given = ["simulated:=true", "levels:=0.5 1", "hold:=1", "bag_dir:=%s" % tmp_path, udp()]
+    with roslaunch(log, "bench.launch", *given) as launch:
 
         def call(*words):
             return answer(launch, "rosservice", "call", *words)
@@ -418,7 +406,7 @@ def test_a_users_own_launch_file_passes_its_arguments_to_ours(tmp_path):
 
 
 def test_a_second_launch_is_refused_and_the_first_one_drives_on(tmp_path):
-    port = "port:=%d" % free_port(socket.SOCK_DGRAM)
+    port = udp()
     with roslaunch(tmp_path / "log", "sim_tracking.launch", port) as launch:
 
         def drives():
@@ -433,7 +421,7 @@ def test_a_second_launch_is_refused_and_the_first_one_drives_on(tmp_path):
         assert "runs already" in line
         assert "started with pid" not in output and "Traceback" not in output, output
         # Another craft in a namespace of its own would get a second /clock, or simulated time.
-        free = "port:=%d" % free_port(socket.SOCK_DGRAM)
+        free = udp()
         for name, reason in (
             ("sim_prbs.launch", "/ground_manager publishes /clock already"),
             ("bench.launch", "/use_sim_time is true"),
@@ -499,8 +487,7 @@ def test_a_simulated_launch_runs_where_the_name_of_the_computer_does_not_resolve
     port = free_port()
     uri = "http://localhost:%d" % port
     flight = ["duration:=0.2", "lift_time:=0", "exit_when_done:=true"]
-    udp = "port:=%d" % free_port(socket.SOCK_DGRAM)
-    command = ["roslaunch", "-p", port, "ground", "sim_prbs.launch", udp, *flight]
+    command = ["roslaunch", "-p", port, "ground", "sim_prbs.launch", udp(), *flight]
     status, output = away(*command, ROS_MASTER_URI=uri)
     assert status == 0 and "the controller is done" in output, output
 
@@ -508,7 +495,7 @@ def test_a_simulated_launch_runs_where_the_name_of_the_computer_does_not_resolve
 def test_a_real_craft_is_not_launched_at_the_loopback_address():
     port = free_port()
     room = ["roslaunch", "-p", port, "ground", "room_prbs.launch", "mocap_host:=127.0.0.1", "rviz:=false"]
-    status, output = away(*room, "port:=%d" % free_port(socket.SOCK_DGRAM))
+    status, output = away(*room, udp())
     assert status == 1 and "started with pid" not in output, output
     (line,) = [line for line in output.splitlines() if "nowhere-xyz is not an address" in line]
     assert "export ROS_IP=" in line
@@ -568,7 +555,7 @@ def test_a_launch_replaces_nodes_that_were_killed(tmp_path):
         wait_for(lambda: rosgraph.is_master_online(uri), 20, "a master")
         dead = "http://localhost:%d" % free_port()
         rosgraph.Master("/ground_manager", uri).registerService("/x/y", "rosrpc://localhost:1", dead)
-        port = "port:=%d" % free_port(socket.SOCK_DGRAM)
+        port = udp()
         checked = [port, "duration:=0.2", "lift_time:=0", "exit_when_done:=true"]
         status, output = output_of("ground", "sim_prbs.launch", *checked, ROS_MASTER_URI=uri)
         assert status == 0 and "the controller is done" in output, output
@@ -790,9 +777,9 @@ def kill(argument, master=""):
 
 def test_a_killed_supervisor_of_the_recorder_fails_the_launch(tmp_path):
     """Nobody takes a launch whose recording ended early for one that went well."""
-    log, port = tmp_path / "log", free_port(socket.SOCK_DGRAM)
+    log = tmp_path / "log"
     given = ["bag_dir:=%s" % tmp_path, "experiment:=orphan", "duration:=60", "record:=true", "rviz:=false"]
-    with roslaunch(log, "sim_prbs.launch", *given, "port:=%d" % port) as running:
+    with roslaunch(log, "sim_prbs.launch", *given, udp()) as running:
         wait_for(lambda: list(tmp_path.glob("*_orphan_0.bag.active")), 30, "the recording")
         tasks = pathlib.Path("/proc/%d/task" % running.pid).glob("*/children")
         nodes = [node for task in tasks for node in task.read_text().split()]
@@ -807,16 +794,8 @@ def test_a_killed_supervisor_of_the_recorder_fails_the_launch(tmp_path):
 def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
     import rospy
 
-    port = free_port(socket.SOCK_DGRAM)
-    with roslaunch(
-        tmp_path / "log",
-        "sim_prbs.launch",
-        "duration:=60",
-        "record:=true",
-        "bag_dir:=%s" % tmp_path,
-        "experiment:=killed",
-        "port:=%d" % port,
-    ) as launch:
+    given = ["duration:=60", "record:=true", "bag_dir:=%s" % tmp_path, "experiment:=killed", udp()]
+    with roslaunch(tmp_path / "log", "sim_prbs.launch", *given) as launch:
         active = wait_for(lambda: list(tmp_path.glob("*_killed_0.bag.active")), 30, "the recording")[0]
         wait_for(lambda: active.stat().st_size > 300e3, 40, "some recorded seconds")
         clock = answer(launch, "rostopic", "echo", "-n", "1", "/clock/clock")

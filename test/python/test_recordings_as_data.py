@@ -275,16 +275,6 @@ def test_rows_that_have_more_values_than_columns_are_refused(tmp_path):
     assert "more values than" in result.stderr
 
 
-@pytest.mark.parametrize("place", range(len(COLUMNS) + 1))
-def test_a_column_without_values_renames_none(place, tmp_path):
-    wanted = read_table(csv_run(tmp_path / "run.csv"))
-    columns = COLUMNS[:place] + ["battery"] + COLUMNS[place:]
-    table = csv_run(
-        tmp_path / "other.csv", lambda rows: [row[:place] + [""] + row[place:] for row in rows], columns
-    )
-    assert same_run(read_table(table), wanted)
-
-
 # --- permissions of files
 
 
