@@ -13,7 +13,7 @@ import pytest
 
 import ground
 from browsing import assert_fits, assert_sound, open_page
-from conftest import MODEL, ROOT, identify, json_of, schema, slow, succeeds
+from conftest import MODEL, ROOT, fails, identify, json_of, schema, slow, succeeds
 from conftest import nominal as given
 from ground import _core
 from ground.analysis.likelihood import Likelihood
@@ -28,7 +28,6 @@ from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import CONFIRM, GIVEN, PRESENT, SLIGHT, TRACK, Flown, Story, Version
 from ground.effect_library import candidates
 from ground.simulation import experiments
-from test_identify import fails
 
 pytestmark = pytest.mark.usefixtures("one_preparation")
 

@@ -7,7 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from conftest import MODEL, identify, json_of, simulate_run, slow, succeeds, write_bag
+from conftest import MODEL, fails, identify, json_of, simulate_run, slow, succeeds, write_bag
 
 TRUTH = {"I_z": 8.8e-5, "X_u": 0.0055, "Y_v": 0.0271, "N_r": 4.62e-5, "k": 0.062}
 
@@ -37,17 +37,6 @@ def write_csv(path, stamps, rows):
             ns = 1555406701000000000 + int(round(1e9 * stamp))
             file.write("%d,%d,%d,,%r,%r,%r\n" % (ns + 200000, i, ns, *map(float, row)))
     return path
-
-
-def fails(result, *words, status=1):
-    """Checks for one line on stderr (besides warnings) with the words, and no traceback."""
-    assert result.returncode == status, result.stderr
-    assert "Traceback" not in result.stderr
-    if status == 1:
-        errors = [s for s in result.stderr.strip().splitlines() if not s.startswith("warning: ")]
-        assert len(errors) == 1, result.stderr
-    for word in words:
-        assert word in result.stderr, result.stderr
 
 
 def test_import_then_info(tmp_path):

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from conftest import MODEL, ROOT, identify, json_of, process, program, succeeds
-from test_identify import fails
+from conftest import MODEL, ROOT, fails, identify, json_of, process, program, succeeds
 
 POSE, TRUTH = "/vrpn_client_node/hovercraft/pose", "/simulator/truth"
 DRIVE = "/drive"
