@@ -6,6 +6,7 @@ import io
 import json
 import os
 import pathlib
+import runpy
 import shutil
 import socket
 import subprocess
@@ -21,6 +22,7 @@ from ground.support import progress
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "epfl_2019"
+SCRIPTS = ROOT / "src" / "ground" / "scripts"
 MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
 sys.path.insert(0, str(ROOT / "test" / "bench"))
 # Tests of minutes whose subject seldom changes
@@ -65,6 +67,21 @@ def one_preparation():
         yield
 
 
+def nominal():
+    """MODEL as the core has it; each call gives another copy."""
+    from ground import _core
+
+    return _core.load_model(str(MODEL))
+
+
+@pytest.fixture(scope="session")
+def craft():
+    """MODEL as users have it."""
+    import ground
+
+    return ground.Model.load(MODEL)
+
+
 @pytest.fixture(scope="session")
 def flown(tmp_path_factory):
     """A bag of a craft with a constant yaw moment of 2e-5 N m, which its model does not have."""
@@ -94,6 +111,29 @@ def identify(*arguments):
     return result
 
 
+def succeeds(*arguments):
+    """The result of the tool, which must end without an error."""
+    result = identify(*arguments)
+    assert result.returncode == 0, result.stderr
+    return result
+
+
+def json_of(*arguments):
+    """What the tool prints with --json."""
+    return json.loads(succeeds(*arguments, "--json").stdout)
+
+
+def fails(result, *words, status=1):
+    """Checks for one line on stderr (besides warnings) with the words, and no traceback."""
+    assert result.returncode == status, result.stderr
+    assert "Traceback" not in result.stderr
+    if status == 1:
+        errors = [s for s in result.stderr.strip().splitlines() if not s.startswith("warning: ")]
+        assert len(errors) == 1, result.stderr
+    for word in words:
+        assert word in result.stderr, result.stderr
+
+
 @functools.lru_cache(maxsize=None)
 def schema(name):
     """The validator for a schema in docs/schemas."""
@@ -117,21 +157,25 @@ def program(name, *arguments):
     return subprocess.CompletedProcess([name] + argv, status, out.getvalue(), err.getvalue())
 
 
+def script(monkeypatch, name, *arguments):
+    """Exit status of a program, run in this process."""
+    monkeypatch.setattr("sys.argv", [name] + [str(a) for a in arguments])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(SCRIPTS / name), run_name="__main__")
+    return ended.value.code or 0
+
+
 @functools.lru_cache(maxsize=None)
 def located(name):
     """Path of the program that rosrun would run; rosrun itself takes a second to find it."""
     find = ["catkin_find", "--first-only", "--libexec", "ground", name]
-    return subprocess.check_output(find, universal_newlines=True).strip()
+    return subprocess.check_output(find, text=True).strip()
 
 
 def process(name, *arguments):
     """Runs a program in a new process, for tests of its process."""
     return subprocess.run(
-        [located(name)] + [str(a) for a in arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        universal_newlines=True,
-        timeout=120,
+        [located(name)] + [str(a) for a in arguments], capture_output=True, text=True, timeout=120
     )
 
 

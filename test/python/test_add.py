@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from conftest import MODEL, identify, with_effect, write_bag
+from conftest import MODEL, identify, json_of, succeeds, with_effect, write_bag
 from ground.analysis import distributions
 
 
@@ -18,11 +18,7 @@ def lagging(tmp_path):
 
 def test_the_error_falls_to_the_noise(tmp_path, lagging):
     out = tmp_path / "better.yaml"
-    result = identify(
-        "add", "motor_lag", *lagging[:2], "--model", MODEL, "-o", out, "--holdout", lagging[2], "--json"
-    )
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = json_of("add", "motor_lag", *lagging[:2], "--model", MODEL, "-o", out, "--holdout", lagging[2])
     tau = report["parameters"]["motor_lag.tau"]
     assert tau["value"] == pytest.approx(0.06, abs=0.002)
     assert report["verdict"]["helps"] is True
@@ -105,8 +101,7 @@ def test_an_effect_that_is_not_identifiable_does_not_help(tmp_path):
         "{name: nothing, expression: {Y: '0*a*x'}, "
         "parameters: {a: {value: 0.1, unit: N, lower: -1, upper: 1}}}"
     )
-    result = identify("add", effect, bag, "--model", MODEL, "-o", tmp_path / "x.yaml")
-    assert result.returncode == 0, result.stderr
+    result = succeeds("add", effect, bag, "--model", MODEL, "-o", tmp_path / "x.yaml")
     assert "Does it help:          no" in result.stdout and "cannot be identified" in result.stdout
 
 
@@ -114,9 +109,7 @@ def test_a_heading_offset_is_found_from_zero(tmp_path):
     truth = with_effect(tmp_path / "truth.yaml", "{name: heading_offset, psi0: 2.6}")
     bag = write_bag(tmp_path / "run.bag", model=truth)
     out = tmp_path / "x.yaml"
-    result = identify("add", "heading_offset", bag, "--model", MODEL, "-o", out, "--json")
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = json_of("add", "heading_offset", bag, "--model", MODEL, "-o", out)
     assert report["parameters"]["heading_offset.psi0"]["value"] == pytest.approx(2.6, abs=0.01)
     held = report["error"]["heldout"]
     assert held["after"] < 0.1 * held["before"]
@@ -132,9 +125,7 @@ def test_an_expression_effect_from_a_file(tmp_path):
     effect = tmp_path / "waves.yaml"
     effect.write_text(washboard % 0)
     out = tmp_path / "x.yaml"
-    result = identify("add", effect, bag, "--model", MODEL, "-o", out, "--json")
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = json_of("add", effect, bag, "--model", MODEL, "-o", out)
     assert report["effect"] == "waves"
     assert report["parameters"]["waves.a"]["value"] == pytest.approx(0.03, rel=0.05)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import identify
+from conftest import identify, succeeds
 from containers import Z_UP, Ros2, experiment, in_mocap, write_bag
 from ground.reading import bags, definitions, streams
 
@@ -100,7 +100,7 @@ def test_a_type_without_a_definition_is_named_with_what_helps(own_type, tmp_path
         assert word in refused.stderr
     assert "definition is not in the file: give it by --types" in identify("info", file).stderr
     draft = tmp_path / "draft.yaml"
-    assert identify("info", file, "--write-mapping", draft).returncode == 0
+    succeeds("info", file, "--write-mapping", draft)
     assert "/robot/valves (ff_msgs/Valves)" in draft.read_text()
 
 
@@ -116,8 +116,7 @@ def test_definitions_of_types_are_files_or_folders(own_type, given):
 def test_a_draft_names_the_definitions_for_later(own_type, tmp_path):
     folder, file, commands = own_type
     draft = folder / "draft.yaml"
-    drafted = identify("info", file, "--types", folder / "src", "--write-mapping", draft, "--force")
-    assert drafted.returncode == 0, drafted.stderr
+    succeeds("info", file, "--types", folder / "src", "--write-mapping", draft, "--force")
     assert "switches[6]" in draft.read_text()
     (run,) = ground.read(file, mapping=draft)
     assert len(run.controls) == len(commands)
@@ -403,7 +402,7 @@ def test_topics_without_messages_are_listed_and_do_no_harm(sound, tmp_path):
     (found,) = ground.read(file, mapping=mapping)
     same(found, wanted)
     draft = tmp_path / "draft.yaml"
-    assert identify("info", file, "--write-mapping", draft).returncode == 0
+    succeeds("info", file, "--write-mapping", draft)
     assert "/odd (own_msgs/Odd), without messages" in draft.read_text()
 
 
@@ -474,8 +473,7 @@ def test_a_log_of_px4_is_read(tmp_path):
     rows += [(stamp, 1, struct.pack("<4f", *(1000 + 1000 * values), 0)) for stamp, values in commands]
     log = ulog(tmp_path / "flight.ulg", formats, rows)
     draft = tmp_path / "draft.yaml"
-    drafted = identify("info", tmp_path, "--write-mapping", draft)
-    assert drafted.returncode == 0, drafted.stderr
+    succeeds("info", tmp_path, "--write-mapping", draft)
     (run,) = ground.read(log, mapping=draft)
     eta = np.array([eta for _, eta in poses])
     assert run.eta[:, :2] == pytest.approx(eta[:, :2], abs=1e-5)

@@ -1,13 +1,11 @@
 """Bags: every compression and layout reads the same, damage is said, and nothing of a file becomes code."""
 
 import io
-import pickle
 
 import numpy as np
 import pytest
 import rosbag
 
-import ground
 from conftest import identify, write_bag
 from ground.reading import bags, containers, messages, readers
 
@@ -159,11 +157,3 @@ def test_messages_that_are_written_are_those_of_ros(tmp_path):
     buffers = io.BytesIO(), io.BytesIO()
     found.serialize(buffers[0]), wanted.serialize(buffers[1])
     assert buffers[0].getvalue() == buffers[1].getvalue() and (topic, time.secs) == ("/controls", 13)
-
-
-def test_a_recording_can_be_pickled(whole):
-    (run,) = ground.read(whole / "lz4.bag")
-    assert len(run.motion.nu) > 600  # what it remembers goes along
-    again = pickle.loads(pickle.dumps(run))
-    assert np.array_equal(again.eta, run.eta) and again.identity == run.identity
-    assert np.array_equal(again.motion.nu, run.motion.nu)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from conftest import MODEL, ROOT, SHARED, identify, slow
+from conftest import MODEL, ROOT, SHARED, identify, json_of, slow, succeeds
 from ground import _core
 from ground.fitting import thrust_bench
 
@@ -30,9 +30,7 @@ def table(path, force, columns=("left", "right"), noise=5e-4, repeat=3, seed=1, 
 
 def fitted(tmp_path, path, *options):
     out = tmp_path / "thrust.yaml"
-    result = identify("bench", path, "--model", MODEL, "-o", out, "--json", *options)
-    assert result.returncode == 0, result.stderr
-    return json.loads(result.stdout), _core.load_model(str(out))
+    return json_of("bench", path, "--model", MODEL, "-o", out, *options), _core.load_model(str(out))
 
 
 def test_the_thesis_bench_is_a_line_with_an_asymmetry(tmp_path):
@@ -143,9 +141,7 @@ def test_thrusters_of_a_list_get_gains_and_a_table(tmp_path):
     path.write_text("\n".join(lines) + "\n")
     out = tmp_path / "bench.yaml"
     craft = ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml"
-    result = identify("bench", path, "--model", craft, "--inputs", 1000, 2000, "-o", out, "--json")
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = json_of("bench", path, "--model", craft, "--inputs", 1000, 2000, "-o", out)
     assert report["curve"] == "polynomial" and report["largest_input"] == pytest.approx(0.3)
     model = _core.load_model(str(out))
     for thruster in model.thrusters:
@@ -212,9 +208,7 @@ def test_valves_get_gains_and_keep_their_curve(tmp_path):
     gain = dict(zip(names, (1.05, 0.95, 1.0, 1.0, 1.1, 0.9, 1.0, 1.0)))
     path, _ = switches(tmp_path / "bench.csv", gain=gain)
     out = tmp_path / "bench.yaml"
-    result = identify("bench", path, "--model", VALVES, "--unit", "g", "-o", out, "--json")
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = json_of("bench", path, "--model", VALVES, "--unit", "g", "-o", out)
     assert report["curve"] == "switch" and report["rejected"] == []
     low, high = report["parameters"]["k"]["ci95"]
     assert low < 40 * 9.80665e-3 < high and high - low < 0.02
@@ -272,9 +266,7 @@ def test_logs_of_a_load_cell_are_read_pulse_by_pulse(tmp_path):
         for i, name in enumerate(names)
     ]
     out = tmp_path / "bench.yaml"
-    result = identify("bench", *logs, "--model", VALVES, "-o", out, "--json", "--details")
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = json_of("bench", *logs, "--model", VALVES, "-o", out, "--details")
     assert report["curve"] == "switch"
     mean = 45.0 + np.arange(8).mean()
     assert report["parameters"]["k"]["value"] == pytest.approx(mean * 9.80665e-3, rel=0.002)
@@ -343,7 +335,7 @@ def test_mass_and_inertia_follow_from_motion_with_the_bench(tmp_path):
     )
     run = tmp_path / "run.bag"
     options = ("--input", "prbs", "--duration", 40, "--seed", 3, "-o", run)
-    assert identify("simulate", "--model", craft, *options).returncode == 0
+    succeeds("simulate", "--model", craft, *options)
     names = [one["name"] for one in true.thrusters]
     force = true.value("k")
     random = np.random.default_rng(1)
@@ -357,9 +349,7 @@ def test_mass_and_inertia_follow_from_motion_with_the_bench(tmp_path):
         + "\n"
     )
     out = tmp_path / "out.yaml"
-    result = identify("bench", path, "--model", wrong, "-o", out, "--json", "--runs", run)
-    assert result.returncode == 0, result.stderr
-    motion = json.loads(result.stdout)["mass"]
+    motion = json_of("bench", path, "--model", wrong, "-o", out, "--runs", run)["mass"]
     for name, value in (("m", mass), ("I_z", inertia)):
         low, high = motion["parameters"][name]["ci95"]
         assert low < value < high and high - low < 0.2 * value
@@ -375,12 +365,11 @@ def test_the_real_bench_rejects_a_power_and_motion_tells_what_was_weighed(tmp_pa
     if not REAL_BENCH.is_file():
         pytest.skip("the real measurements of December 2019 are not beside the workspace")
     out = tmp_path / "bench.yaml"
-    result = identify(
+    result = succeeds(
         *("bench", REAL_BENCH, "--inputs", 1000, 2000, "--unit", "g", "--thrusters", 2),
         *("--model", ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml", "-o", out, "--json"),
         *("--runs", REAL_BENCH.parent, "--mapping", ROOT / "cfg" / "mapping" / "four_thrusters.yaml"),
     )
-    assert result.returncode == 0, result.stderr
     report, model = json.loads(result.stdout), _core.load_model(str(out))
     assert report["curve"] == "polynomial"
     assert {"power", "proportional force"} <= {one["curve"] for one in report["rejected"]}

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from conftest import ROOT, identify
+from conftest import ROOT, succeeds
 
 CASES = ROOT.parent / "shared" / "data" / "cases_2"
 # Of the simulated craft, and how far from them an estimate may be: shares of them, N s/m for X_u
@@ -21,8 +21,7 @@ def case(request):
 
 
 def lines_of(verb, *arguments):
-    result = identify(verb, *arguments)
-    assert result.returncode == 0, result.stderr
+    result = succeeds(verb, *arguments)
     return result.stdout, result.stderr
 
 

@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from conftest import MODEL, ROOT, identify, write_bag
+from conftest import nominal as craft
 from ground import _core
 from ground.analysis import (
     channels,
@@ -29,10 +30,6 @@ NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]
 TABLE = ROOT / "cfg" / "craft" / "air_table.yaml"
 STEP = 0.002  # of the integration [s]
 FREE = ("I_z", "X_u", "Y_v", "N_r", "k")
-
-
-def craft():
-    return _core.load_model(str(MODEL))
 
 
 # --- A craft of its own: neither equations nor integrator are the project's

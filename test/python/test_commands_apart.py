@@ -6,7 +6,7 @@ import yaml
 
 import containers
 import ground
-from conftest import ROOT, identify, simulate_run
+from conftest import ROOT, identify, simulate_run, succeeds
 
 START = 1700000000
 
@@ -48,8 +48,7 @@ def folder(path, run, padded=True, shift=2e-4, angle=60.0):
 @pytest.mark.parametrize("padded", [True, False], ids=["", "unpadded stamps"])
 def test_a_draft_takes_the_tables_of_all_thrusters(run, tmp_path, padded):
     path, draft = folder(tmp_path / "run", run, padded), tmp_path / "M.yaml"
-    result = identify("info", path, "--write-mapping", draft)
-    assert result.returncode == 0, result.stderr
+    succeeds("info", path, "--write-mapping", draft)
     channels = yaml.safe_load(draft.read_text())["commands"]["channels"]
     assert list(channels) == [
         "throttle_reference_1", "angle_reference_1", "throttle_reference_2", "angle_reference_2",
@@ -69,8 +68,7 @@ def test_a_draft_takes_the_tables_of_all_thrusters(run, tmp_path, padded):
     assert held == pytest.approx(wanted / [full, 1, full, 1], abs=1e-4)
     assert len(found.controls) == len(inputs)  # what comes together is one command
 
-    result = identify("info", path, "--mapping", draft)
-    assert result.returncode == 0, result.stderr
+    result = succeeds("info", path, "--mapping", draft)
     text = result.stdout + result.stderr
     assert "actuator_ref_1.csv (table), actuator_ref_2.csv (table)" in text
     assert "commands of 2 sources were put together: actuator_ref_1.csv, actuator_ref_2.csv" in text
@@ -81,8 +79,7 @@ def test_stamps_without_leading_zeros_are_mended_in_all_tables_by_the_option(run
     mapping = written(tmp_path)
     result = identify("info", path, "--mapping", mapping)
     assert result.returncode == 1 and "unpadded" in result.stderr
-    result = identify("info", path, "--mapping", mapping, "--stamps", "unpadded")
-    assert result.returncode == 0, result.stderr
+    succeeds("info", path, "--mapping", mapping, "--stamps", "unpadded")
 
 
 def written(folder, patterns=("pose.csv", "actuator_ref_1.csv", "actuator_ref_2.csv"), more="{}"):
@@ -163,8 +160,7 @@ def test_a_bag_with_a_topic_for_each_thruster_is_drafted_and_read(run, tmp_path,
             at = START * 10**9 + int(1e9 * row[0])
             bag.write(names % mark, at, bag.new("std_msgs/Float64", data=float(value)))
     bag.close()
-    result = identify("info", tmp_path / "bag", "--write-mapping", draft)
-    assert result.returncode == 0, result.stderr
+    succeeds("info", tmp_path / "bag", "--write-mapping", draft)
     (found,) = ground.read(tmp_path / "bag", mapping=draft)
     assert found.channels == (("thruster_1", "thruster_2") if "%d" in names else ("left", "right"))
     held = found.held(found.controls, START + inputs[:, 0] + 0.001)
@@ -176,9 +172,8 @@ def test_the_log_of_a_ferry_with_four_turning_thrusters(tmp_path):
     if not folder.is_dir():
         pytest.skip("takes the recordings in %s" % folder)
     draft = tmp_path / "M.yaml"
-    assert identify("info", folder, "--write-mapping", draft).returncode == 0
-    result = identify("info", folder, "--mapping", draft)
-    assert result.returncode == 0, result.stderr
+    succeeds("info", folder, "--write-mapping", draft)
+    result = succeeds("info", folder, "--mapping", draft)
     assert all("angle_reference_%d" % number in result.stdout for number in (1, 2, 3, 4))
     assert "what a thruster does changes with angle_reference_1" in " ".join(result.stdout.split())
 
@@ -189,6 +184,6 @@ def test_the_commands_of_several_crafts_are_not_those_of_one(run, tmp_path):
         table(tmp_path / ("pose_%d.csv" % number), ["x", "y", "psi"], np.column_stack([times, eta]))
         table(tmp_path / ("cmd_%d.csv" % number), ["left", "right"], inputs[:, :3])
     draft = tmp_path / "M.yaml"
-    assert identify("info", tmp_path, "--write-mapping", draft).returncode == 0
+    succeeds("info", tmp_path, "--write-mapping", draft)
     commands = yaml.safe_load(draft.read_text())["commands"]
     assert commands["file"] == "cmd_1.csv" and list(commands["channels"]) == ["left", "right"]

@@ -4,7 +4,6 @@ import contextlib
 import copy
 import importlib.util
 import itertools
-import json
 import math
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import ground
-from conftest import MODEL, identify
+from conftest import MODEL, identify, json_of, succeeds
 from containers import OPTITRACK, Z_UP, Ros2, experiment, in_mocap, set_pose, write_bag, write_csv
 from ground import _core
 from ground.reading import commands
@@ -231,9 +230,8 @@ def written(make, folder):
 
 def fitted(path, options, folder):
     out = folder / "fitted.yaml"
-    result = identify("fit", path, *options, "--model", MODEL, "-o", out, "--json", "--force")
-    assert result.returncode == 0, result.stderr
-    return {n: p["value"] for n, p in json.loads(result.stdout)["parameters"].items()}
+    found = json_of("fit", path, *options, "--model", MODEL, "-o", out, "--force")
+    return {name: p["value"] for name, p in found["parameters"].items()}
 
 
 @pytest.fixture(scope="module")
@@ -383,7 +381,7 @@ def test_commands_of_an_unknown_type_are_not_guessed(tmp_path):
 def test_a_draft_reads_what_it_was_drafted_from(make, tmp_path):
     path, options = written(make, tmp_path / "run")
     draft = tmp_path / "draft.yaml"
-    assert identify("info", path, "--write-mapping", draft).returncode == 0
+    succeeds("info", path, "--write-mapping", draft)
     (found,) = ground.read(path, mapping=draft)
     (wanted,) = ground.read(path, mapping=options[1] if options else None)
     assert found.eta == pytest.approx(wanted.eta, abs=1e-12)

@@ -1,5 +1,6 @@
 """identify diagnose as a user runs it: it names the missing effect and writes a model with it."""
 
+import argparse
 import html
 import json
 
@@ -9,9 +10,10 @@ import yaml
 
 import ground
 import mistakes
-from conftest import MODEL, identify, schema, slow, with_effect, write_bag
+from conftest import MODEL, identify, json_of, schema, slow, succeeds, with_effect, write_bag
 from ground import _core
 from ground.diagnosing import answer, next_experiment
+from ground.diagnosing import diagnose as verb
 from ground.support.errors import GroundError
 
 WASHBOARD = """
@@ -28,11 +30,9 @@ def bags_of(folder, truth, seeds=(1, 40), **options):
     ]
 
 
-def diagnose(*arguments):
-    return identify("diagnose", *arguments, "--json")
-
-
-THREE = ["--model", MODEL, "--only", "motor_lag", "input_delay", "floor_tilt"]
+def reported(*arguments):
+    """The report of a diagnosis."""
+    return json_of("diagnose", *arguments)
 
 
 @pytest.fixture(scope="module")
@@ -40,15 +40,6 @@ def lagging(tmp_path_factory):
     """Bags of a craft with a motor lag; its model truth.yaml is in the same folder."""
     folder = tmp_path_factory.mktemp("lagging")
     return bags_of(folder, with_effect(folder / "truth.yaml", "{name: motor_lag, tau: 0.06}"))
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory, lagging):
-    """Folder and printed result of an uninterrupted diagnosis with the options THREE."""
-    out = tmp_path_factory.mktemp("whole") / "out"
-    result = diagnose(*lagging, *THREE, "-o", out)
-    assert result.returncode == 0, result.stderr
-    return out, result.stdout
 
 
 def of_day(bags, day):
@@ -64,8 +55,6 @@ def unplanned(monkeypatch):
 
 def tried_by_default():
     """Names of the library's effects that a diagnosis tries by default."""
-    from ground import _core
-
     return {
         name
         for name, effect in _core.effects().items()
@@ -75,9 +64,7 @@ def tried_by_default():
 
 def test_a_lag_is_found_and_its_model_can_be_used(tmp_path, lagging):
     out = tmp_path / "out"
-    result = diagnose(*lagging, "--model", MODEL, "-o", out)
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = reported(*lagging, "--model", MODEL, "-o", out)
     assert report == json.loads((out / "diagnosis.json").read_text())
     assert report["schema"] == "ground/diagnosis/1"
     assert report["verdict"] == "missing"
@@ -99,28 +86,17 @@ def test_a_lag_is_found_and_its_model_can_be_used(tmp_path, lagging):
     assert 0.75 < bands[0.5, "psi"]["coverage"] <= 1
     assert "90% prediction bands contain" in page
     # The simulator accepts the model.
-    simulated = identify(
-        "simulate",
-        "--model",
-        out / "improved.yaml",
-        "--input",
-        "prbs",
-        "--duration",
-        "2",
-        "-o",
-        tmp_path / "again.bag",
-    )
-    assert simulated.returncode == 0, simulated.stderr
+    drive = "--input", "prbs", "--duration", "2"
+    succeeds("simulate", "--model", out / "improved.yaml", *drive, "-o", tmp_path / "again.bag")
     # Existing results are not overwritten.
-    again = diagnose(*lagging, "--model", MODEL, "-o", out)
+    again = identify("diagnose", *lagging, "--model", MODEL, "-o", out)
     assert again.returncode == 1 and "--force" in again.stderr
 
 
 def test_an_improvement_is_that_over_what_a_fit_reaches(tmp_path, lagging, unplanned):
     """A fit without the effect predicts as well as `identify fit` says; the gain begins there."""
     out = tmp_path / "out"
-    result = diagnose(*lagging, "--model", MODEL, "--only", "motor_lag", "-o", out)
-    report = json.loads(result.stdout)
+    report = reported(*lagging, "--model", MODEL, "--only", "motor_lag", "-o", out)
     before, after = (report[name]["error"]["heldout"] for name in ("nominal", "improved"))
     assert after < before <= ground.fit(MODEL, lagging).error.heldout * 1.001
     errors = report["prediction"]["errors"]
@@ -142,9 +118,7 @@ def test_an_improvement_on_real_runs_is_that_over_what_a_fit_reaches(real_bags, 
 @slow
 def test_without_the_right_effect_a_part_stays_unexplained(tmp_path, lagging, unplanned):
     lags = ["motor_lag", "motor_rise_fall", "motor_rate"]
-    result = diagnose(*lagging, "--model", MODEL, "-o", tmp_path / "out", "--exclude", *lags)
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = reported(*lagging, "--model", MODEL, "-o", tmp_path / "out", "--exclude", *lags)
     assert report["verdict"] == "memory"  # a lag is a memory of the commands
     proposal = report["unexplained"]["proposal"]
     assert "the past" in proposal["means"] or "over the last" in proposal["means"]
@@ -154,8 +128,7 @@ def test_without_the_right_effect_a_part_stays_unexplained(tmp_path, lagging, un
 
 def test_a_complete_model_is_not_changed(tmp_path, unplanned):
     bag = write_bag(tmp_path / "run.bag", seed=3, duration=12.0)
-    result = identify("diagnose", bag, "--model", MODEL, "-o", tmp_path / "out")
-    assert result.returncode == 0, result.stderr
+    result = succeeds("diagnose", bag, "--model", MODEL, "-o", tmp_path / "out")
     assert "Missing:               nothing" in result.stdout
     report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert report["verdict"] == "complete" and not report["steps"]
@@ -169,8 +142,7 @@ def test_a_complete_model_is_not_changed(tmp_path, unplanned):
 def test_an_effect_too_small_to_matter_is_reported_but_not_called_missing(tmp_path, unplanned):
     truth = with_effect(tmp_path / "truth.yaml", "{name: input_delay, delay: 0.0005}")
     bags = bags_of(tmp_path, truth)
-    result = identify("diagnose", *bags, "--model", MODEL, "-o", tmp_path / "out", "--details")
-    assert result.returncode == 0, result.stderr
+    result = succeeds("diagnose", *bags, "--model", MODEL, "-o", tmp_path / "out", "--details")
     assert "Missing:               nothing" in result.stdout
     report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert report["verdict"] == "complete" and report["improved"]["effects"] == []
@@ -188,9 +160,7 @@ def test_an_unknown_effect_is_described_and_found_when_supplied(tmp_path, unplan
     bags = bags_of(tmp_path, truth, seeds=(1, 40))
     # test_hidden.py has such a case with the whole library.
     known = ["--model", MODEL, "--only", "floor_tilt", "momentum_drag", "motor_lag", "wind"]
-    result = diagnose(*bags, *known, "-o", tmp_path / "out")
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = reported(*bags, *known, "-o", tmp_path / "out")
     assert report["verdict"] == "unexplained"
     assert report["unexplained"]["where"][0]["variable"] == "place"
     proposal = report["unexplained"]["proposal"]
@@ -199,43 +169,26 @@ def test_an_unknown_effect_is_described_and_found_when_supplied(tmp_path, unplan
     assert "of the room that depends on the place (= " in proposal["means"]
     error = report["improved"]["error"]["heldout"]
     assert proposal["error"]["heldout"] < 0.7 * error
-    added = identify(
-        "add",
-        tmp_path / "out" / "proposal.yaml",
-        *bags,
-        "--model",
-        tmp_path / "out" / "improved.yaml",
-        "-o",
-        tmp_path / "added.yaml",
-    )
-    assert added.returncode == 0, added.stderr
+    proposal, improved = tmp_path / "out" / "proposal.yaml", tmp_path / "out" / "improved.yaml"
+    succeeds("add", proposal, *bags, "--model", improved, "-o", tmp_path / "added.yaml")
     # A user writes the effect and has it tried with the others.
     washboard["parameters"]["a"]["value"] = 0.001
     (tmp_path / "washboard.yaml").write_text(yaml.safe_dump(washboard))
     options = ["--effects", tmp_path / "washboard.yaml"]
-    result = diagnose(*bags, *known, "-o", tmp_path / "own", *options)
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = reported(*bags, *known, "-o", tmp_path / "own", *options)
     assert report["verdict"] == "missing" and report["improved"]["effects"] == ["washboard"]
     low, high = report["improved"]["parameters"]["washboard.a"]["ci95"]
     assert low < 0.02 < high
 
 
 def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
-    import argparse
-
-    from ground.diagnosing import diagnose as verb
-    from ground.diagnosing.diagnose import effects_to_try
-    from ground.models import Model
-    from ground.support.errors import GroundError
-
     own = {}
     for name in ("gust", "swirl"):
         own[name] = tmp_path / (name + ".yaml")
         own[name].write_text(
             "name: %s\nexpression: {X: a*u}\nparameters:\n  a: {value: 0.1, unit: N}\n" % name
         )
-    model = Model.load(MODEL)
+    model = ground.Model.load(MODEL)
 
     def tried(*options):
         parser = argparse.ArgumentParser()
@@ -243,7 +196,7 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
         files = ["--effects"] + [str(path) for path in own.values()]
         arguments = parser.parse_args(["run.bag", "--model", "m", "-o", "o"] + files + list(options))
         chosen = arguments.only, arguments.exclude, arguments.effects
-        return {c.name for c in effects_to_try(model, *chosen)}
+        return {c.name for c in verb.effects_to_try(model, *chosen)}
 
     assert tried() == tried_by_default() | {"gust", "swirl"}
     assert tried("--only", "motor_lag") == {"motor_lag", "gust", "swirl"}
@@ -273,9 +226,7 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
 def test_a_turned_mocap_is_found_from_zero(tmp_path, unplanned):
     truth = with_effect(tmp_path / "truth.yaml", "{name: heading_offset, psi0: 1.85}")
     bags = bags_of(tmp_path, truth)
-    result = diagnose(*bags, "--model", MODEL, "-o", tmp_path / "out")
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = reported(*bags, "--model", MODEL, "-o", tmp_path / "out")
     angles = [
         report["improved"]["parameters"].get(name, {"value": 0.0})["value"]
         for name in ("heading_offset.psi0", "thrust_misalignment.angle")
@@ -288,9 +239,7 @@ def test_a_turned_mocap_is_found_from_zero(tmp_path, unplanned):
 def test_runs_can_be_held_out(tmp_path, lagging, unplanned):
     held = bags_of(tmp_path, lagging[0].parent / "truth.yaml", seeds=(90,))
     options = ["--holdout", *held, "--only", "motor_lag"]
-    result = diagnose(*lagging, "--model", MODEL, "-o", tmp_path / "out", *options)
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = reported(*lagging, "--model", MODEL, "-o", tmp_path / "out", *options)
     assert report["runs"] == {"fit": ["run1", "run40"], "heldout": ["run90"]}
     assert report["nominal"]["error"]["heldout"] > 2 * report["improved"]["error"]["heldout"]
 
@@ -301,9 +250,7 @@ def test_runs_that_are_held_out_judge_and_do_not_choose(tmp_path, lagging, unpla
     options = ["--model", MODEL, "--only", "motor_lag", "input_delay"]
     found = {}
     for name, more in (("alone", []), ("tested", ["--holdout", *other])):
-        result = diagnose(*lagging, *options, "-o", tmp_path / name, *more)
-        assert result.returncode == 0, result.stderr
-        found[name] = json.loads(result.stdout)
+        found[name] = reported(*lagging, *options, "-o", tmp_path / name, *more)
     for what in ("effects", "parameters"):
         assert found["tested"]["improved"][what] == found["alone"]["improved"][what]
     assert found["tested"]["dropped"] == found["alone"]["dropped"]
@@ -326,7 +273,7 @@ def test_runs_that_are_held_out_judge_and_do_not_choose(tmp_path, lagging, unpla
 )
 def test_bad_options_are_named(tmp_path, options, words):
     bag = write_bag(tmp_path / "run.bag", seed=3)
-    result = diagnose(bag, "--model", MODEL, "-o", tmp_path / "out", *options)
+    result = identify("diagnose", bag, "--model", MODEL, "-o", tmp_path / "out", *options)
     assert result.returncode == 1
     assert words in result.stderr and "Traceback" not in result.stderr
     assert not (tmp_path / "out").exists()
@@ -336,9 +283,7 @@ def test_bad_options_are_named(tmp_path, options, words):
 def test_real_runs_of_one_day(tmp_path, real_bags, unplanned):
     bags = of_day(real_bags, "2019-04-11")
     options = ["--only", "heading_offset", "motor_lag", "floor_tilt", "body_force_bias"]
-    result = diagnose(*bags, "--model", MODEL, "-o", tmp_path / "out", *options)
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = reported(*bags, "--model", MODEL, "-o", tmp_path / "out", *options)
     assert report["verdict"] in ("memory", "unexplained", "undecided", "missing")
     assert "heading_offset" in [step["added"] for step in report["steps"]]
     offset = report["improved"]["parameters"]["heading_offset.psi0"]["value"]
@@ -387,9 +332,7 @@ SOME = ["--only", "thrust_asymmetry", "thrust_misalignment", "yaw_bias", "motor_
     ids=["swap", "dead"],
 )
 def test_misread_recordings_are_not_diagnosed_as_missing_effects(change, kind, options, tmp_path):
-    result = diagnose(*written(tmp_path, change, **options), *SOME, "-o", tmp_path / "out")
-    assert result.returncode == 0, result.stderr
-    report = json.loads(result.stdout)
+    report = reported(*written(tmp_path, change, **options), *SOME, "-o", tmp_path / "out")
     assert report["verdict"] == "misread" and report["improved"]["effects"] == []
     assert report["candidates"] == [] and report["steps"] == []
     (finding,) = report["findings"]
@@ -407,7 +350,7 @@ def test_add_refuses_misread_recordings_unless_told_otherwise(tmp_path):
     assert refused.returncode == 1 and not (tmp_path / "new.yaml").exists()
     assert "left and right seem to be swapped" in refused.stderr
     assert "--as-recorded (as_recorded in Python) uses it as it is" in refused.stderr
-    assert identify(*command, "--as-recorded").returncode == 0
+    succeeds(*command, "--as-recorded")
     with pytest.raises(GroundError, match="as_recorded in Python"):
         path, _, mapping, _, model = written(tmp_path / "again", mistakes.swapped)
         ground.add(model, "motor_lag", ground.read(path, mapping=mapping))
@@ -416,7 +359,7 @@ def test_add_refuses_misread_recordings_unless_told_otherwise(tmp_path):
 @slow
 def test_what_was_misread_can_be_diagnosed_as_it_is(tmp_path, unplanned):
     options = written(tmp_path, mistakes.inverted(1)) + ["--only", "motor_lag", "-o", tmp_path / "out"]
-    report = json.loads(diagnose(*options, "--as-recorded").stdout)
+    report = reported(*options, "--as-recorded")
     assert report["verdict"] != "misread" and report["findings"][0]["kind"] == "invert"
     assert [c["effect"] for c in report["candidates"]] == ["motor_lag"]
 
@@ -424,7 +367,7 @@ def test_what_was_misread_can_be_diagnosed_as_it_is(tmp_path, unplanned):
 @pytest.mark.parametrize("parameter, value", [("thrust_asymmetry.a", 0.25), ("yaw_bias.n0", 4e-4)])
 def test_a_strong_effect_is_missing_and_not_misread(parameter, value, tmp_path, unplanned):
     options = written(tmp_path, mistakes.nothing, effects={parameter: value})
-    report = json.loads(diagnose(*options, *SOME, "-o", tmp_path / "out").stdout)
+    report = reported(*options, *SOME, "-o", tmp_path / "out")
     assert report["findings"] == [] and report["verdict"] == "missing"
     assert parameter.split(".")[0] in report["improved"]["effects"]
     assert report["improved"]["parameters"][parameter]["value"] == pytest.approx(value, rel=0.1)
@@ -433,7 +376,7 @@ def test_a_strong_effect_is_missing_and_not_misread(parameter, value, tmp_path, 
 def test_a_turned_heading_is_not_taken_for_another_effect(tmp_path, unplanned):
     """At a quarter turn the fit gives up on thrust, so that no search by derivatives finds the offset."""
     options = written(tmp_path, mistakes.turned(1.57)) + ["--only", "heading_offset", "motor_lag"]
-    report = json.loads(diagnose(*options, "-o", tmp_path / "out").stdout)
+    report = reported(*options, "-o", tmp_path / "out")
     (finding,) = report["findings"]
     assert finding["kind"] == "offset" and "--heading-offset 1.57" in finding["remedy"]
     if report["verdict"] == "misread":
@@ -476,11 +419,20 @@ commands:
   time: {field: time, unit: s}
   channels: {left: {field: left}, right: {field: right}}
 """)
-    result = identify(
-        "diagnose", *paths, "--mapping", tmp_path / "mapping.yaml", "--model", tmp_path / "model.yaml",
-        "--only", "thrust_asymmetry", "quadratic_drag", "floor_tilt", "-o", tmp_path / "out",
-    )  # fmt: skip
-    assert result.returncode == 0, result.stderr
+    result = succeeds(
+        "diagnose",
+        *paths,
+        "--mapping",
+        tmp_path / "mapping.yaml",
+        "--model",
+        tmp_path / "model.yaml",
+        "--only",
+        "thrust_asymmetry",
+        "quadratic_drag",
+        "floor_tilt",
+        "-o",
+        tmp_path / "out",
+    )
     report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert report["verdict"] == "missing", result.stdout
     assert report["improved"]["effects"] == ["thrust_asymmetry"]

@@ -5,16 +5,20 @@ import dataclasses
 import json
 import pathlib
 import re
+import shutil
 import types
 
 import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, identify, schema, slow
+from browsing import assert_fits, assert_sound, open_page
+from conftest import MODEL, ROOT, fails, identify, json_of, schema, slow, succeeds
+from conftest import nominal as given
 from ground import _core
 from ground.analysis.likelihood import Likelihood
 from ground.discovery import answer, beliefs, campaign, choice, flights, information, tracking, words
+from ground.discovery import page as discovery_page
 from ground.discovery.analyst import Analyst
 from ground.discovery.campaign import FlightCampaign
 from ground.discovery.flights import CampaignSettings
@@ -24,7 +28,6 @@ from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import CONFIRM, GIVEN, PRESENT, SLIGHT, TRACK, Flown, Story, Version
 from ground.effect_library import candidates
 from ground.simulation import experiments
-from test_identify import fails
 
 pytestmark = pytest.mark.usefixtures("one_preparation")
 
@@ -36,10 +39,6 @@ SIDE_FORCE = {
     "expression": {"Y": "a*r*u"},
     "parameters": {"a": {"value": 0.0047, "unit": "N s^2/m", "neutral": 0.0, "lower": -1, "upper": 1}},
 }
-
-
-def given():
-    return _core.load_model(str(MODEL))
 
 
 def room():
@@ -84,8 +83,7 @@ def truth(tmp_path_factory):
 def discovered(truth, tmp_path_factory):
     """What the verb has printed, its folder and its story."""
     out = tmp_path_factory.mktemp("discovered") / "found"
-    result = identify("discover", "--model", MODEL, "--truth", truth, "-o", out, *OPTIONS)
-    assert result.returncode == 0, result.stderr
+    result = succeeds("discover", "--model", MODEL, "--truth", truth, "-o", out, *OPTIONS)
     return result.stdout, out, Journal(str(out)).story()
 
 
@@ -102,8 +100,8 @@ def test_it_finds_the_hidden_effect_and_confirms_it(discovered):
     assert last.flight.purpose == CONFIRM
     assert all(version.after < last.flight.number for version in story.versions)
     assert list(last.errors) == [version.label for version in story.versions]
-    for given, final in zip(last.errors[GIVEN], last.errors[story.findings[-1].label]):
-        assert final < 0.5 * given
+    for at_first, final in zip(last.errors[GIVEN], last.errors[story.findings[-1].label]):
+        assert final < 0.5 * at_first
     floors = [(off, flown.floor) for flown in story.flights if flown.floor for off in flown.errors.values()]
     assert len(floors) > 3
     for off, floor in floors:  # no model is better than the truth, but for chance
@@ -149,9 +147,8 @@ def test_its_folder_has_all_that_it_tells(discovered):
 
 def test_the_same_command_adds_nothing_to_what_has_ended(discovered, truth):
     _, out, story = discovered
-    result = identify("discover", "--model", MODEL, "--truth", truth, "-o", out, *OPTIONS, "--json")
-    assert result.returncode == 0, result.stderr
-    assert json.loads(result.stdout) == plain(story) == json.loads((out / "journal.json").read_text())
+    again = json_of("discover", "--model", MODEL, "--truth", truth, "-o", out, *OPTIONS)
+    assert again == plain(story) == json.loads((out / "journal.json").read_text())
 
 
 def test_the_api_gives_the_result_as_a_table(discovered, truth):
@@ -205,30 +202,102 @@ def test_wrong_options_are_refused_before_the_first_flight(tmp_path, truth, opti
     assert not out.exists()
 
 
+# --- Its page
+
+
+def paged(story, folder, place):
+    """Path of the page of a story that went through journal.json."""
+    again = Story.from_dict(plain(story))
+    return pathlib.Path(discovery_page.write(again, str(folder), place))
+
+
+@pytest.fixture
+def copied(discovered, tmp_path):
+    """The folder of the discovery without its recordings, and its story."""
+    _, out, _ = discovered
+    shutil.copytree(out, tmp_path / "copy", ignore=shutil.ignore_patterns("*.bag"))
+    return tmp_path / "copy", Journal(str(out)).story()
+
+
+def test_its_page_shows_each_flight_as_planned_and_as_flown(discovered, browser):
+    _, out, story = discovered
+    names = open_page(browser, out / "report.html")
+    assert len(names) == 1 + len(story.flights)  # errors; a figure of each flight
+    assert_sound(browser, names)
+    drawn, count = browser.execute_script(
+        "const t = document.getElementById('figure1').data;"
+        "return [t.map(t => t.name), t.find(t => t.name === 'planned').y.length]"
+    )
+    assert drawn[:4] == ["walls", "planned", "flown", "start"] and count > 100
+    assert "input, left" in drawn and "input, lift" in drawn
+
+
+def unstarted(story):
+    return Story("", "", 180.0)
+
+
+def stopped(story):
+    """The first flight was stopped before anything was recorded."""
+    plan = dataclasses.replace(story.flights[0].flight, path=[], why="")
+    flights = [Flown(plan, "", 0.4, GIVEN, stopped="no pose for 0.5 s")]
+    return Story(story.craft, story.room, 180.0, versions=story.versions[:1], flights=flights)
+
+
+def unfinished(story):
+    """All values that can be missing are: errors, floors, paths, tracking."""
+    check = dataclasses.replace(story.tracking, before=None, after=None, taken_back=True)
+    flights = [
+        dataclasses.replace(flown, floor=None, path=[], errors=dict.fromkeys(flown.errors))
+        for flown in story.flights
+    ]
+    findings = [dataclasses.replace(f, beliefs=[], sentences=[], open=[]) for f in story.findings]
+    planned = dataclasses.replace(story.flights[0].flight, number=len(flights) + 1)
+    return dataclasses.replace(
+        story, ended=False, confirmation=None, activity="diagnoses", tracking=check, flights=flights,
+        findings=findings, planned=planned,
+    )  # fmt: skip
+
+
+def long(story):
+    """Twenty flights, most of which change nothing."""
+    first, made = story.flights[0], dataclasses.replace(story)
+    for number in range(len(story.flights) + 1, 21):
+        label = "after flight %d" % number
+        errors = {version.label: (22.0, 4.0) for version in made.versions}
+        plan = dataclasses.replace(first.flight, number=number)
+        made.versions = [*made.versions, dataclasses.replace(made.versions[-1], label=label, after=number)]
+        made.flights = [*made.flights, dataclasses.replace(first, flight=plan, errors=errors)]
+        made.findings = [*made.findings, dataclasses.replace(made.findings[-1], after=number, label=label)]
+    return made
+
+
+@pytest.mark.parametrize("change", [unstarted, stopped, unfinished, long], ids=lambda change: change.__name__)
+def test_a_story_has_a_page_at_any_time(change, copied, browser, as_wide_as):
+    folder, story = copied
+    page = paged(change(story), folder, room())
+    for width in (400, 1200):
+        as_wide_as(width)
+        names = open_page(browser, page)
+        assert_fits(browser, width)
+    assert_sound(browser, names)
+
+
+def test_missing_and_damaged_files_are_left_out_of_a_page(copied):
+    folder, story = copied
+    assert "motor_lag.tau" in (folder / "report.html").read_text()
+    (folder / story.versions[-1].file).write_text("nonsense")
+    (folder / story.flights[0].flight.inputs).write_text("time,left,right,lift\n0,1,oops,1\n")
+    (folder / story.flights[1].flight.inputs).unlink()
+    text = paged(story, folder, None).read_text()
+    assert "Flight 3" in text and "motor_lag.tau" not in text
+
+
 # --- What flights show
 
 
 @pytest.fixture(scope="module")
 def analyst():
     return Analyst(given(), room(), 1)
-
-
-def seen(analyst, *chosen):
-    """{effect: visibility} of some pieces."""
-    questions = analyst.start.questions
-    offers = [o for o in analyst.first_offers if o.piece.words in chosen]
-    assert len(offers) == len(chosen)
-    visibility = questions.visibility(sum(offer.gain for offer in offers))
-    return {q.about: v for q, v in zip(questions.asked, visibility)}
-
-
-def test_what_inputs_do_not_excite_is_not_visible(analyst):
-    full = seen(analyst, "PRBS of 10 Hz between 0 and 1 of full thrust")
-    low = seen(analyst, "PRBS of 10 Hz between 0 and 1 of full thrust, lift at 0.6")
-    # at full lift the skirt does not touch the floor; on-off inputs do not show a curve
-    assert full["skirt_friction"] < 0.1 < 20 < low["skirt_friction"]
-    assert full["thrust_curve"] < 0.1 and low["thrust_curve"] < 0.1
-    assert seen(analyst, "random levels, 0.25 s each")["thrust_curve"] > 20
 
 
 @pytest.mark.parametrize("part, state", [(0.5, SLIGHT), (2.0, PRESENT)])

@@ -13,11 +13,11 @@ from unittest import mock
 
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, SCRIPTS
+from ground import _core, cli
 
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
 PAGES += sorted((ROOT / "docs").rglob("*.md"))
-SCRIPTS = ROOT / "src" / "ground" / "scripts"
 IMAGE_OR_LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```(\S*)\n(.*?)^```$", re.M | re.S)
 
@@ -79,8 +79,6 @@ class Parsed(BaseException):
 
 def run_as(program, words):
     """Runs the main function of a program with a user's words."""
-    from ground import cli
-
     if program == "identify":
         cli.main(words)
     elif program in cli.PROGRAMS:
@@ -93,8 +91,6 @@ def run_as(program, words):
 def complaint(program, words):
     """The error of the program's parser about the words, empty if it accepts them. The command is not
     run."""
-    from ground import cli
-
     parse_args = argparse.ArgumentParser.parse_args
 
     def only_parse(parser, arguments=None, namespace=None):
@@ -135,13 +131,16 @@ def test_printed_commands_are_accepted(page):
     assert list(complaints(page)) == []
 
 
-def test_the_change_log_can_be_read():
-    assert len((ROOT / "CHANGELOG.md").read_text().splitlines()) <= 250
+def test_the_version_is_that_of_the_newest_release_in_the_change_log():
+    packages = [ROOT / "src" / name / "package.xml" for name in ("ground", "ground_msgs")]
+    versions = {ElementTree.parse(str(path)).getroot().findtext("version") for path in packages}
+    changes = (ROOT / "CHANGELOG.md").read_text()
+    newest, *older = re.findall(r"^## \[(.+)\]( - \d{4}-\d\d-\d\d)?$", changes, re.M)
+    assert newest == ("Unreleased", "") and all(date for _, date in older)
+    assert versions == {older[0][0]} == {_core.version}
 
 
 def test_every_effect_has_its_equation():
-    from ground import _core
-
     page = (ROOT / "docs" / "theory" / "effects.md").read_text()
     described = set(re.findall(r"^\| `(\w+)` \|", page, re.M))
     known = set(_core.effects())

@@ -8,7 +8,8 @@ import signal
 import numpy as np
 import pytest
 
-from conftest import MODEL, ROOT
+from conftest import ROOT
+from conftest import nominal as craft
 from ground import _core
 
 NAN, INF = float("nan"), float("inf")
@@ -18,10 +19,6 @@ REFUSALS = ("ValueError", "IndexError", "RuntimeError", "KeyError", "TypeError",
 
 FOUR = ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml"
 BLAST = '{name: blast, expression: {X: "c*u*u*u"}, parameters: {c: {value: 1e9, unit: N s^3/m^3}}}'
-
-
-def craft():
-    return _core.load_model(str(MODEL))
 
 
 def four():

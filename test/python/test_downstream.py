@@ -62,7 +62,7 @@ def run(*command, space=None, **variables):
         [str(part) for part in command],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        universal_newlines=True,
+        text=True,
         timeout=300,
     )
 

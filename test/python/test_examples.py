@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import runpy
 import sys
 
 import plotly.basedatatypes
@@ -122,3 +123,40 @@ def test_the_blocks_of_python_of_a_page_run(page, tmp_path, monkeypatch):
 def test_every_block_of_commands_runs_or_says_why_not(page):
     is_run = page in [examples.DOCS / name for name in examples.PAGES]
     assert bool(blocks_of(page, "sh")) == (is_run or name_of(page) in NOT_RUN)
+
+
+# --- the scripts of the gallery
+
+GALLERY = ROOT / "docs" / "gallery"
+SCRIPTS = sorted(GALLERY.glob("*.py"))
+SLOW = {"watch_discovery"}  # takes over 20 s
+
+
+def imported(script):
+    """Packages that a script needs."""
+    for node in ast.walk(ast.parse(script.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module.split(".")[0]
+
+
+@pytest.mark.parametrize(
+    "script", [pytest.param(one, marks=[slow] * (one.stem in SLOW), id=one.stem) for one in SCRIPTS]
+)
+def test_a_script_prints_what_the_page_shows(script, tmp_path, monkeypatch, capsys):
+    """In this process, because a new one takes seconds to load its libraries."""
+    for package in set(imported(script)) - {"ground"}:
+        pytest.importorskip(package)
+    (tmp_path / "cfg").symlink_to(ROOT / "cfg")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))  # a script imports what it has exported
+    runpy.run_path(str(script), run_name="__main__")
+    shown, printed = script.with_suffix(".txt").read_text(), capsys.readouterr().out
+    assert examples.differences(examples.Shown(0, 0, shown.splitlines(), printed.splitlines())) == []
+
+
+def test_every_script_is_on_the_page():
+    page = (ROOT / "docs" / "howto" / "gallery.md").read_text()
+    for script in SCRIPTS:
+        assert "gallery/%s.py" % script.stem in page and "gallery/%s.txt" % script.stem in page

@@ -4,25 +4,21 @@ import contextlib
 import json
 import os
 import resource
-import runpy
 import shutil
 import signal
-import subprocess
 from unittest import mock
 
 import numpy as np
 import pytest
 import rosbag
 
-from conftest import MODEL, ROOT, free_port, simulate_run, write_bag
+from conftest import MODEL, SCRIPTS, free_port, script, simulate_run, write_bag
 from ground import cli
 from ground.data import info
 from ground.reading import messages as topics
-from ground.support import workers
+from ground.support import files, workers
 from ground.support.errors import GroundError
 from test_identify import write_csv
-
-SCRIPTS = ROOT / "src" / "ground" / "scripts"
 
 
 @pytest.fixture(scope="module")
@@ -219,29 +215,13 @@ def test_only_debug_shows_a_traceback(capsys, monkeypatch, error, words):
     assert cli.main(["info", "a"]) == 1 and "Traceback" in capsys.readouterr().err
 
 
-def script(monkeypatch, name, *arguments):
-    """Exit status of a program, run in this process."""
-    monkeypatch.setattr("sys.argv", [name] + [str(a) for a in arguments])
-    with pytest.raises(SystemExit) as ended:
-        runpy.run_path(str(SCRIPTS / name), run_name="__main__")
-    return ended.value.code or 0
-
-
 @pytest.mark.parametrize("name", sorted(path.name for path in SCRIPTS.iterdir()))
-def test_every_program_has_help_without_a_master(name):
+def test_every_program_has_help_without_a_master(name, monkeypatch, capsys):
     """As README promises; nodes are programs, too."""
-    environment = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % free_port())
-    shown = subprocess.run(
-        [str(SCRIPTS / name), "--help"],
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        universal_newlines=True,
-        timeout=60,
-    )
-    assert shown.returncode == 0 and "usage: %s" % name in shown.stdout, shown
-    assert shown.stderr == ""
+    monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:%d" % free_port())
+    assert script(monkeypatch, name, "--help") == 0
+    shown = capsys.readouterr()
+    assert "usage: %s" % name in shown.out and shown.err == ""
 
 
 def killed(_):
@@ -300,3 +280,95 @@ def test_the_identification_node_is_free_after_a_task_whatever_goes_wrong(tmp_pa
     for _ in range(2):  # the second one is not refused as busy
         with pytest.raises(rospy.ROSException):
             node.serve("fit", request)
+
+
+# --- outputs that are inputs, other kinds of files
+
+
+@pytest.fixture
+def copied(sample, tmp_path, monkeypatch):
+    """A copy of a run and a model as working folder."""
+    for name in ("run.bag", "model.yaml"):
+        shutil.copy(str(sample / name), str(tmp_path / name))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def contents(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}
+
+
+FIT = ["fit", "run.bag", "--model", "model.yaml", "--force", "-o"]
+SIMULATE = ["simulate", "--model", "model.yaml", "--input", "steps.csv", "--force", "-o"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        FIT + ["model.yaml"],
+        FIT + ["run.bag"],
+        FIT + ["./run.bag"],
+        FIT + ["symlink"],
+        FIT + ["hardlink"],
+        FIT + ["link_to_here/model.yaml"],
+        ["fit", "run.bag", "--holdout", "hardlink", "--model", "model.yaml", "--force", "-o"] + ["symlink"],
+        ["add", "motor_lag", "run.bag", "--model", "model.yaml", "--force", "-o", "model.yaml"],
+        ["add", "effect.yaml", "run.bag", "--model", "model.yaml", "--force", "-o", "effect.yaml"],
+        ["diagnose", "run.bag", "--model", "out/improved.yaml", "--force", "-o", "out"],
+        ["diagnose", "out/diagnosis.json", "--model", "model.yaml", "--force", "-o", "out"],
+        ["compare", "run.bag", "--model", "out/report.html", "--force", "-o", "out"],
+        ["compare", "run.bag", "--model", "out/fit.csv", "--force", "-o", "out"],
+        SIMULATE + ["model.yaml"],
+        SIMULATE + ["steps.csv"],
+        ["import", "steps.csv", "effect.yaml", "--force", "-o", "steps.csv"],
+    ],
+)
+def test_an_input_is_never_overwritten_even_with_force(copied, capsys, arguments):
+    (copied / "symlink").symlink_to("run.bag")
+    os.link(str(copied / "run.bag"), str(copied / "hardlink"))
+    (copied / "link_to_here").symlink_to(copied)
+    (copied / "steps.csv").write_text("time,left,right\n0,1,0\n1,0,1\n")
+    (copied / "effect.yaml").write_text("{name: motor_lag, tau: 0.05}")
+    (copied / "out").mkdir()
+    for name in ("improved.yaml", "report.html", "fit.csv"):
+        shutil.copy(str(MODEL), str(copied / "out" / name))
+    (copied / "out" / "run.wrench.fit.csv").symlink_to("fit.csv")
+    shutil.copy(str(copied / "run.bag"), str(copied / "out" / "diagnosis.json"))
+    before = contents(copied), contents(copied / "out")
+    fails(capsys, arguments, "is an input of this command", "choose another output")
+    assert before == (contents(copied), contents(copied / "out"))
+
+
+def test_programs_refuse_to_overwrite_their_inputs(copied, capsys):
+    (copied / "way.csv").write_text("time,x,y\n0,0,0\n5,1,0\n10,1,1\n")
+    before = contents(copied)
+    options = ["--model", "model.yaml", "--force"]
+    runs = lambda verb: lambda argv: cli.program(verb, argv)  # noqa: E731
+    fails(capsys, options + ["-o", "model.yaml"], "model.yaml: it is an input", run=runs("tune"))
+    more = ["--references", "way.csv:speed=0.5", "-o", "way.csv"]
+    fails(capsys, options + more, "way.csv: it is an input", run=runs("tune"))
+    assert before == contents(copied)
+
+
+def test_only_regular_files_are_replaced(copied, capsys):
+    os.mkfifo(str(copied / "pipe"))
+    (copied / "folder").mkdir()
+    fails(capsys, FIT + ["pipe"], "not a regular file")
+    fails(capsys, FIT + ["folder"], "is a folder")
+    fails(capsys, FIT + ["nowhere/f.yaml"], "no folder")
+
+
+def test_a_file_is_whole_or_not_there(tmp_path):
+    path = tmp_path / "new.json"
+    files.write_json(str(path), {"a": float("nan")})
+    assert path.read_text().split() == ["{", '"a":', "null", "}"]
+    with pytest.raises(GroundError, match="exists"):
+        files.write_json(str(path), {})
+    with pytest.raises(GroundError, match="exists"):
+        with files.new_file(str(tmp_path / "late.json")):
+            (tmp_path / "late.json").write_text("somebody else's")
+    with pytest.raises(ZeroDivisionError):
+        with files.new_file(str(path), force=True):
+            1 / 0  # noqa: B018
+    assert (tmp_path / "late.json").read_text() == "somebody else's"
+    assert sorted(contents(tmp_path)) == ["late.json", "new.json"]

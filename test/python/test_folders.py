@@ -105,11 +105,6 @@ def test_no_module_imports_the_whole_package():
     assert not upward
 
 
-def test_an_import_from_the_package_is_one_of_the_module_that_has_the_name():
-    tree = ast.parse("def plot(self):\n    from ground import plot")
-    assert "ground.results.plot" in set(imported(tree))
-
-
 @pytest.mark.parametrize("verb, most", [("read", 35), ("fit", 50), ("diagnose", 90)])
 def test_a_verb_loads_what_it_needs(verb, most):
     count = "len([name for name in sys.modules if name.startswith('ground.')])"

@@ -1,13 +1,12 @@
 """The real recordings of the second craft: raw files as they are, with one mapping file."""
 
-import json
 import re
 
 import numpy as np
 import pytest
 
 import ground
-from conftest import ROOT, SHARED, identify, mapping_as_logged, slow
+from conftest import ROOT, SHARED, json_of, mapping_as_logged, slow, succeeds
 
 RAW = SHARED.parent / "epfl_2019_12"
 MAPPING = ROOT / "cfg" / "mapping" / "four_thrusters.yaml"
@@ -20,9 +19,7 @@ RUNS = [("data_1_spec_2", 63.5, 13), ("data_2_spec_4", 50.1, 0), ("data_4_spec_3
 def described():
     if not RAW.is_dir():
         pytest.skip("the real recordings of December 2019 are not beside the workspace")
-    result = identify("info", RAW, "--mapping", MAPPING, "--json")
-    assert result.returncode == 0, result.stderr
-    return json.loads(result.stdout)
+    return json_of("info", RAW, "--mapping", MAPPING)
 
 
 def test_the_folder_holds_three_runs(described):
@@ -71,8 +68,7 @@ def test_what_each_thruster_does_is_told(described):
 def test_the_loggers_names_and_heading_are_seen_to_be_wrong(described, tmp_path):
     """The rigid body looks backwards, and the logger's left thrusters are on the right."""
     logged = mapping_as_logged(tmp_path)
-    result = identify("info", RAW, "--mapping", logged, "--model", CRAFT)
-    assert result.returncode == 0, result.stderr
+    result = succeeds("info", RAW, "--mapping", logged, "--model", CRAFT)
     verdict = result.stdout.splitlines()[-1]
     assert verdict.startswith("back_left and front_left seem to be swapped")
     explained = re.search(r"explain (\d+)% of the forces and (\d+)% of the turns", verdict)
@@ -83,12 +79,8 @@ def test_the_loggers_names_and_heading_are_seen_to_be_wrong(described, tmp_path)
 
 def test_a_fit_is_physical_and_holds_on_other_runs(described, tmp_path):
     names = ["I_z", "X_u", "Y_v", "N_r", "k", "com_offset.xg", "com_offset.yg", "motor_lag.tau"]
-    result = identify(
-        *("fit", RAW, "--mapping", MAPPING, "--model", CRAFT, "--json"),
-        *("--free", *names, "-o", tmp_path / "fitted.yaml"),
-    )
-    assert result.returncode == 0, result.stderr
-    found = json.loads(result.stdout)
+    options = "--mapping", MAPPING, "--model", CRAFT, "--free", *names
+    found = json_of("fit", RAW, *options, "-o", tmp_path / "fitted.yaml")
     value = {name: found["parameters"][name]["value"] for name in names}
     assert 4e-4 < value["I_z"] < 8e-4  # that of a disc of 0.18 m across: 7e-4
     assert 0 < value["X_u"] < 0.06 and 0.01 < value["Y_v"] < 0.08 and 0 < value["N_r"] < 2e-4
@@ -104,12 +96,8 @@ def test_the_missing_effects_lower_the_error_on_other_runs(described, tmp_path):
     bare = tmp_path / "bare.yaml"
     bare.write_text(CRAFT.read_text().split("effects:")[0] + "effects: []\n")
     out = tmp_path / "diagnosis"
-    result = identify(
-        *("diagnose", RAW, "--mapping", MAPPING, "--model", bare, "-o", out, "--json"),
-        *("--only", "com_offset", "motor_lag", "quadratic_drag", "thrust_misalignment", "wind"),
-    )
-    assert result.returncode == 0, result.stderr
-    found = json.loads(result.stdout)
+    only = "--only", "com_offset", "motor_lag", "quadratic_drag", "thrust_misalignment", "wind"
+    found = json_of("diagnose", RAW, "--mapping", MAPPING, "--model", bare, "-o", out, *only)
     assert found["verdict"] == "missing"
     assert {"com_offset", "motor_lag"} <= set(found["improved"]["effects"])
     assert (out / "report.html").is_file()

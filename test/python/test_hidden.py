@@ -1,4 +1,4 @@
-"""The hidden-effect bench: its craft, cases, scores and table; `make bench-hidden` measures."""
+"""The benches of hidden effects: craft, cases, scores, table; `make bench-hidden`, `bench-mujoco` measure."""
 
 import json
 import pathlib
@@ -11,10 +11,9 @@ import hidden
 import hidden_cases
 import hidden_craft
 import hidden_effects
-import hidden_grammar
 import hidden_judge
 import hidden_score
-import hidden_table
+import mujoco_cases
 import resumed
 from ground import _core
 
@@ -134,21 +133,6 @@ def test_kind_and_seed_determine_a_case(kind):
     assert set(case["hidden"]) <= set(case["effects"])
 
 
-def nameless(lines, arguments=(), states=(), a=1.0):
-    """A nameless effect as the grammar draws it."""
-    constants = {"a": a, "k": BODY["k"], "l": BODY["l"]}
-    effect = {"lines": lines, "states": list(states), "constants": constants, "by_run": {}}
-    return dict(effect, arguments=list(arguments), repeats=True, run=0)
-
-
-def draws(local, count=150):
-    """Effects that the grammar draws for the craft of the test drive."""
-    columns = hidden_grammar.columns(moved({}), BEGAN)
-    sample = {name: column[100::5] for name, column in zip(hidden_grammar.VARIABLES, columns)}
-    random = np.random.default_rng(8)
-    return [hidden_grammar.draw(random, sample, BODY, local) for _ in range(count)]
-
-
 def judged(kind, seed, run=3, unsmoothed=False):
     """A case, its Blocks of a fresh run for a horizon of 1 s, and the model with its library effects."""
     case = hidden.KINDS[kind][0](kind, seed)
@@ -222,53 +206,13 @@ def test_scores_of_sets_and_groups():
     assert not hidden_score.is_right(result([], ["c"]))
 
 
-def unnamed(verdict="complete", ceiling=None, steps=(1.0,), **more):
-    """A result of a nameless effect of heading and velocity that causes half of the error held out."""
-    effects = {"nameless": {"arguments": ["heading", "velocity"]}}
-    truth = {"learnable_true": 0.7, "errors_true": [1.0, 0.5]}
-    errors = {"fit": [1.0, 0.5], "steps": list(steps)}
-    found = result(kind="nameless", effects=effects, verdict=verdict, errors=errors, **truth, **more)
-    found["found"]["ceiling"] = ceiling
-    return found
-
-
-def test_scores_of_nameless_effects():
-    seen = {"learnable": [0.65, 0.6, 0.8], "named": [0.0, 0.0, 0.0], "kept": 0.7}
-    seen["arguments"] = {"place": 0.1, "velocity": 0.5}
-    good = unnamed("unexplained", seen)
-    assert hidden_score.is_said(good) and hidden_score.has_right_argument(good)
-    assert hidden_score.halves_excess(good) and hidden_score.learnable_holds(good)
-    assert hidden_score.is_falsely_complete(good) is False
-    small = {"learnable": [0.1, 0.0, 0.2], "arguments": {"place": 0.1}, "kept": 0.8}
-    bad = unnamed("complete", small)
-    assert not hidden_score.has_right_argument(bad) and not hidden_score.halves_excess(bad)
-    assert hidden_score.excludes_truth(bad) and hidden_score.is_falsely_complete(bad)
-    silent = unnamed()  # without a ceiling
-    assert hidden_score.has_right_argument(silent) is None is hidden_score.learnable_holds(silent)
-    assert not hidden_score.halves_excess(silent)
-    rows = {line[0]: line[1:] for line in hidden_table.lines([good, bad])}
-    assert rows["nameless: said"][:2] == ["50.0%", "2"]
-
-
-def test_the_table_gives_rates_with_intervals_beside_their_bounds():
-    nulls = [result(kind="disturbed_null", seed=seed) for seed in range(400)]
-    rows = {line[0]: line[1:] for line in hidden_table.lines(nulls)}
-    chosen = rows["disturbed nulls: an effect chosen"]
-    assert chosen == ["0.0%", "400", "0.0 to 0.9%", "<= 1%", "yes"]
-    for null in nulls[:6]:
-        null["found"]["chosen"] = ["yaw_bias"]
-    rows = {line[0]: line[1:] for line in hidden_table.lines(nulls)}
-    assert rows["disturbed nulls: an effect chosen"][4] == "no"
-    assert "| 1.5% | 400 |" in hidden_table.markdown(hidden_table.lines(nulls))
-
-
 def test_an_interrupted_bench_resumes(tmp_path):
     path = tmp_path / "results.jsonl"
 
     def bench(*more):
         command = [str(BENCH / "hidden.py"), "--kinds", "noise_null", "--count", "1"]
         command += ["--seed-base", "2", "--jobs", "1", "--results", str(path)] + list(more)
-        return subprocess.check_output(command, universal_newlines=True)
+        return subprocess.check_output(command, text=True)
 
     assert "1 cases, 1 of them to do" in bench("--hours", "0")
     assert path.read_text() == ""
@@ -281,3 +225,55 @@ def test_an_interrupted_bench_resumes(tmp_path):
     before = path.read_text()
     assert "1 cases, 0 of them to do" in bench()
     assert path.read_text() == before
+
+
+# --- the MuJoCo bench
+
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+PYTHON = ROOT / "build" / "peers" / "bin" / "python"
+
+
+def has_mujoco():
+    command = [str(PYTHON), "-c", "import mujoco"]
+    return PYTHON.exists() and not subprocess.run(command, stderr=subprocess.DEVNULL).returncode
+
+
+needs_mujoco = pytest.mark.skipif(
+    not has_mujoco(), reason="MuJoCo is not in build/peers: test/bench/peer_python build/peers"
+)
+
+
+@pytest.fixture
+def engine_moves(tmp_path, monkeypatch):
+    """Motion of the engine's craft without random wrench: moved(case) gives the run's times and poses."""
+
+    def moved(case):
+        del case.runs[1:]
+        monkeypatch.setattr(hidden_cases, "FITTED", 1)
+        mujoco_cases.record(case, "body", str(PYTHON), str(tmp_path))
+        found = np.load(tmp_path / "moved.npz")
+        return found["times 0"], found["eta 0"]
+
+    return moved
+
+
+# The engine's dry friction has an edge that the bench's craft rounds off.
+@needs_mujoco
+@pytest.mark.parametrize("effect", [None, *mujoco_cases.LIBRARY])
+def test_the_engine_agrees_with_independent_equations(engine_moves, effect):
+    seed = (
+        1
+        if effect is None
+        else next(seed for seed in range(1, 81) if mujoco_cases.make(seed)[0].hidden == [effect])
+    )
+    case = mujoco_cases.make(seed)[0]
+    for run in case.runs:
+        run["push"] = {"sigma": [0.0] * 3, "time": [1.0] * 3, "white": [0.0] * 3, "trim": [0.0] * 3}
+    times, eta = engine_moves(case)
+    _, expected = hidden_cases.flight(case, 0)
+    poses = hidden_craft.seen(case.effects, expected.poses(times[:3000]))
+    nothing = hidden_cases.flight(case, 0, effects={})[1].poses(times[:3000])
+    off, change = (np.abs(a - b).max() for a, b in ((eta[:3000], poses), (nothing, poses)))
+    assert off < max(2e-4, 0.05 * change)

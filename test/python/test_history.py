@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, identify, slow
+from conftest import MODEL, identify, slow, succeeds
 from ground.ledger import changes, estimates, finding, hierarchy
 
 CRAFTS = ("craft_1", "craft_2", "craft_3")
@@ -51,8 +51,7 @@ def laboratory(tmp_path_factory):
 def told(laboratory, tmp_path_factory):
     """What identify history prints, and its folder."""
     out = tmp_path_factory.mktemp("told") / "history"
-    result = identify("history", laboratory, "--model", MODEL, "-o", out, "--details")
-    assert result.returncode == 0, result.stderr
+    result = succeeds("history", laboratory, "--model", MODEL, "-o", out, "--details")
     return result.stdout, out
 
 

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from browsing import open_page
-from conftest import MODEL, identify, process, write_bag
+from conftest import MODEL, process, succeeds, write_bag
 from ground.reading import mapping, run_settings
 from ground.reports import page
 from ground.simulation import gains
@@ -69,8 +69,7 @@ def page_of(verb, tmp_path, bags, model):
         "compare": [bags[1], "--model", MODEL],
         "history": bags,
     }[verb]
-    result = identify(verb, *arguments, "--model", model, "-o", tmp_path / "out")
-    assert result.returncode == 0, result.stderr
+    succeeds(verb, *arguments, "--model", model, "-o", tmp_path / "out")
     return tmp_path / "out" / "report.html"
 
 

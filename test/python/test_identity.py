@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 import ground
-from conftest import MODEL, identify, write_bag
+from conftest import MODEL, identify, succeeds, write_bag
 
 FREE = ["k"]
 
@@ -49,8 +49,7 @@ def test_folders_for_training_and_for_tests_may_have_the_same_names(here):
     both = ground.fit(MODEL, ["train/run1.bag", "test/run1.bag"], free=FREE)
     assert len({run.run for run in both.runs}) == 2
     arguments = "--model", MODEL, "-o", here / "by_name.yaml", "--free", "k"
-    result = identify("fit", "train/run1.bag", "--holdout", "test/run1.bag", *arguments)
-    assert result.returncode == 0, result.stderr
+    succeeds("fit", "train/run1.bag", "--holdout", "test/run1.bag", *arguments)
     added = ground.add(MODEL, "yaw_bias", "train/run1.bag", holdout="test/run1.bag")
     assert "holdout" in added.error
 
@@ -73,42 +72,42 @@ def test_runs_read_at_once_or_one_by_one_get_names_of_their_own(here):
 # One run of two names
 
 
-@pytest.fixture(params=["symlink", "in a folder"])
-def twin(request, here, tmp_path):
-    """Another path of train/run1.bag."""
-    source, path = here / "train" / "run1.bag", tmp_path / "another.bag"
-    if request.param == "symlink":
-        path.symlink_to(source)
-    else:
-        shutil.copy(str(source), str(path))
-        path = tmp_path
-    return path
+@pytest.fixture
+def twins(here, tmp_path):
+    """Other paths of train/run1.bag: a link, and a folder with a copy."""
+    source, link, folder = here / "train" / "run1.bag", tmp_path / "another.bag", tmp_path / "copy"
+    link.symlink_to(source)
+    folder.mkdir()
+    shutil.copy(str(source), str(folder / "another.bag"))
+    return link, folder
 
 
-def test_a_run_is_not_taken_twice(twin):
-    refused(lambda: ground.read(["train/run1.bag", twin]), "twice", "run1.bag")
-    refused(lambda: ground.fit(MODEL, ["train/run1.bag", twin]), "twice")
+def test_a_run_is_not_taken_twice(twins):
     once = ground.read("train/run1.bag")
-    refused(lambda: ground.compare(MODEL, [*once, *ground.read(twin)]), "twice")
+    for twin in twins:
+        refused(lambda twin=twin: ground.read(["train/run1.bag", twin]), "twice", "run1.bag")
+        refused(lambda twin=twin: ground.fit(MODEL, ["train/run1.bag", twin]), "twice")
+        refused(lambda twin=twin: ground.compare(MODEL, [*once, *ground.read(twin)]), "twice")
 
 
-def test_a_run_is_not_tested_on_what_it_was_fitted_to(here, twin):
+def test_a_run_is_not_tested_on_what_it_was_fitted_to(here, twins):
     runs = ["train/run1.bag", "test/run1.bag"]
     for verb in (ground.fit, ground.diagnose, lambda *a, **o: ground.add(a[0], "wind", a[1], **o)):
-        refused(lambda verb=verb: verb(MODEL, runs, holdout=twin), "holdout", "train/run1.bag")
-    result = identify("fit", *runs, "--holdout", twin, "--model", MODEL, "-o", here / "no.yaml")
+        for twin in twins:
+            refused(lambda v=verb, t=twin: v(MODEL, runs, holdout=t), "holdout", "train/run1.bag")
+    result = identify("fit", *runs, "--holdout", twins[0], "--model", MODEL, "-o", here / "no.yaml")
     assert result.returncode == 1 and "holdout" in result.stderr
     assert result.stderr.count("\n") == 1
 
 
-def test_a_fitted_model_knows_its_run_under_any_name(here, twin, tmp_path):
+def test_a_fitted_model_knows_its_run_under_any_name(here, twins, tmp_path):
     ground.fit(MODEL, "train/run1.bag", free=FREE).save(tmp_path / "fitted.yaml")
     fitted = tmp_path / "fitted.yaml"
 
     def role(run):
         return ground.compare(fitted, run).runs[0].studies[0]["role"]
 
-    assert role("train/run1.bag") == role(twin) == "fit"
+    assert {role(run) for run in ("train/run1.bag", *twins)} == {"fit"}
     assert role("test/run1.bag") == "held_out"
 
 
@@ -221,21 +220,20 @@ def test_a_comparison_leaves_no_file_of_the_one_before(here, tmp_path):
     assert set(files_in(out)) - set(files_in(fresh)) == {"notes.csv"}
 
 
-def test_a_diagnosis_leaves_no_file_of_the_one_before(here, tmp_path):
-    run, out = write_bag(tmp_path / "run.bag", duration=20), tmp_path / "out"
+def test_a_diagnosis_leaves_no_file_of_the_one_before(diagnosed, tmp_path):
+    out = tmp_path / "out"
 
     def swapped(times, eta, inputs):
         return times, eta, inputs[:, [0, 2, 1, 3]]
 
     misread = write_bag(tmp_path / "misread.bag", duration=20, change=swapped)
     arguments = "--model", MODEL, "--only", "yaw_bias", "-o", out
-    first = identify("diagnose", run, *arguments)
-    assert first.returncode == 0 and "improved.yaml" in files_in(out), first.stderr
+    diagnosed.save(out)
+    assert "improved.yaml" in files_in(out)
     (out / "proposal.yaml").write_text("left by an older diagnosis")
     (out / "next_experiment.csv").write_text("left by an older diagnosis")
     (out / "notes.txt").write_text("mine")
-    second = identify("diagnose", misread, *arguments, "--force")
-    assert second.returncode == 0, second.stderr
+    second = succeeds("diagnose", misread, *arguments, "--force")
     left = files_in(out)
     assert "wrong" in second.stdout or "misread" in second.stdout
     assert "improved.yaml" not in left and left["notes.txt"] == b"mine"

@@ -1,13 +1,11 @@
 """The craft's own gyro and accelerometer: read, calibrated against the poses, and in the likelihood."""
 
-import json
-
 import numpy as np
 import pytest
 
 import ground
 import hidden_cases
-from conftest import MODEL, identify, slow
+from conftest import MODEL, json_of, slow, succeeds
 from ground.analysis.likelihood import Likelihood
 from ground.checks import quality
 from ground.poses import inertial
@@ -30,13 +28,11 @@ def without(run):
 
 def test_a_user_records_sensors_and_is_told_what_they_add(tmp_path):
     bag = tmp_path / "run.bag"
-    made = identify("simulate", "--model", MODEL, "--input", "prbs", "--duration", 8, "--imu", "-o", bag)
-    assert made.returncode == 0, made.stderr
-    told = identify("info", bag)
-    assert told.returncode == 0, told.stderr
+    succeeds("simulate", "--model", MODEL, "--input", "prbs", "--duration", 8, "--imu", "-o", bag)
+    told = succeeds("info", bag)
     line = next(line for line in told.stdout.splitlines() if line.split()[:1] == ["sensors"])
     assert "gyro 100 Hz" in line and "from two poses" in line and "accelerometer" in line
-    described = json.loads(identify("info", bag, "--json").stdout)
+    described = json_of("info", bag)
     assert described[0]["inertial"]["source"].startswith("/sender/telemetry")
 
 

@@ -1,11 +1,9 @@
 """Defects of recordings that info finds and repairs, each put into a simulated run with known truth."""
 
-import json
-
 import numpy as np
 import pytest
 
-from conftest import MODEL, identify, simulate_run, write_bag
+from conftest import MODEL, identify, json_of, simulate_run, succeeds, write_bag
 from ground import _core
 from ground.reading.recording import Recording
 
@@ -15,9 +13,7 @@ def recorded(times, eta, inputs, name="run", offset=0.0):
 
 
 def info(path):
-    result = identify("info", path, "--json")
-    assert result.returncode == 0, result.stderr
-    return json.loads(result.stdout)[0]
+    return json_of("info", path)[0]
 
 
 def heading_error(found, truth):
@@ -76,8 +72,7 @@ def too_short(times, eta, inputs):
     ],
 )
 def test_what_is_wrong_with_a_run_of_which_nothing_is_usable_is_said_first(spoil, reason, tmp_path):
-    result = identify("info", write_bag(tmp_path / "run.bag", change=spoil))
-    assert result.returncode == 0, result.stderr
+    result = succeeds("info", write_bag(tmp_path / "run.bag", change=spoil))
     head = " ".join(result.stdout.split("\n\n")[0].split())
     assert "Usable: 0.0 of" in head and "Next: look at run: nothing of it is usable" in head
     assert reason in head and "nothing to mend" not in head
@@ -205,8 +200,7 @@ def test_a_gap_in_a_fast_spin_adds_no_turns():
 
 def alarms(path):
     """Lines of info about a contact or damage."""
-    result = identify("info", path)
-    assert result.returncode == 0, result.stderr
+    result = succeeds("info", path)
     text = result.stdout + result.stderr
     return [line for line in text.splitlines() if "no input explains" in line or "damaged" in line]
 
@@ -220,7 +214,7 @@ def test_a_sound_simulation_that_ends_on_the_floor_has_no_alarm(craft, tmp_path)
     for kind in FAST:
         bag = tmp_path / (kind + ".bag")
         options = ("--input", kind, "--seed", 1, "--duration", 10)
-        assert identify("simulate", "--model", model, *options, "-o", bag).returncode == 0
+        succeeds("simulate", "--model", model, *options, "-o", bag)
         assert alarms(bag) == [], kind
 
 
@@ -246,7 +240,7 @@ def test_a_pause_of_the_lift_is_left_out_and_no_wall(tmp_path):
     rows = "".join("%.1f,%d,%d,%d\n" % row for row in zip(times, *bits.T, lift))
     (tmp_path / "inputs.csv").write_text("time,left,right,lift\n" + rows)
     options = ("--input", tmp_path / "inputs.csv", "-o", tmp_path / "run.bag")
-    assert identify("simulate", "--model", MODEL, *options).returncode == 0
+    succeeds("simulate", "--model", MODEL, *options)
     assert alarms(tmp_path / "run.bag") == []
     found = info(tmp_path / "run.bag")
     (pause,) = found["without_lift"]

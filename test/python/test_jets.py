@@ -27,27 +27,6 @@ def table():
     return _core.load_model(TABLE)
 
 
-def test_a_model_describes_its_thrusters(table):
-    assert not table.is_pair and len(table.thrusters) == 8
-    assert table.channels[0] == "front_right_back" and table.channels[-1] == "air"
-    jet = table.thrusters[1]
-    assert jet["position"] == (0.15, 0.15) and jet["direction"] == -90 and jet["range"] == (0, 1)
-    table = table.copy()
-    table.set_value("l", 0.3)
-    assert table.thrusters[1]["position"] == pytest.approx((0.3, 0.3))
-    pair = _core.load_model(PAIR)
-    assert pair.is_pair and pair.channels == ["left", "right", "lift"]
-    assert pair.thrusters[0]["position"] == (0, -0.0325)
-
-
-def test_forces_are_those_of_the_layout(table):
-    forward = np.zeros(8)
-    forward[[4, 6]] = 1  # back_right_forward, back_left_forward
-    assert table.forces([forward]) == pytest.approx(np.array([[2, 0, 0]]))
-    pair = _core.load_model(PAIR)
-    assert pair.forces([[1, 0.25]]) == pytest.approx(np.array([[1.25, 0, 0.75]]))
-
-
 def test_the_core_moves_the_table_as_the_truth_of_the_bench(table):
     plate = jets.Plate(table, "thruster_tilt", 3)
     model = table.copy()
@@ -63,21 +42,6 @@ def test_the_core_moves_the_table_as_the_truth_of_the_bench(table):
     assert np.abs(eta - truth).max() < 1e-9
     straight = _core.simulate(table, inputs, times, start, np.zeros(3))["eta"]
     assert np.abs(straight - truth).max() > 1e-3
-
-
-def test_inputs_of_another_craft_are_refused(table):
-    times = np.linspace(0, 1, 11)
-    with pytest.raises(ValueError, match="8 thrusters .*front_right_back.* inputs are for 2"):
-        _core.simulate(table, [[0.0, 1, 1, 1]], times, np.zeros(3), np.zeros(3))
-    with pytest.raises(ValueError, match="one for each of 1 to 8 thrusters"):
-        _core.simulate(table, [[0.0, 1]], times, np.zeros(3), np.zeros(3))
-
-
-def test_a_controller_of_another_craft_is_refused(table):
-    params = _core.TrackingParams()
-    pair = _core.load_model(PAIR)
-    with pytest.raises(ValueError, match="has 8 thrusters .* inputs are for 2"):
-        _core.track_reference(table, pair, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1)
 
 
 def test_a_simulated_bag_of_the_table_is_read_by_its_channels(table, tmp_path):

@@ -1,6 +1,5 @@
 """The motion shows which channel drives which thruster, with which sign and heading."""
 
-import json
 import math
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 
 import ground
 import mistakes
-from conftest import MODEL, ROOT, SHARED, identify, mapping_as_logged
+from conftest import MODEL, ROOT, SHARED, json_of, mapping_as_logged, succeeds
 from ground import _core
 from ground.checks import layouts, suspicions
 from ground.reading.recording import checked
@@ -116,10 +115,9 @@ def test_info_says_which_channel_drives_which_thruster(tmp_path):
     mistakes.swapped(run)
     path, mapping = run.write(tmp_path / "run")
     options = (path, "--mapping", mapping, "--model", MODEL)
-    result = identify("info", *options)
-    assert result.returncode == 0, result.stderr
+    result = succeeds("info", *options)
     assert "\nleft and right seem to be swapped: the commands" in result.stdout
-    (described,) = json.loads(identify("info", *options, "--json").stdout)
+    (described,) = json_of("info", *options)
     assert described["layout"]["best"]["hypothesis"]["channels"] == ["right", "left"]
 
 

@@ -6,7 +6,7 @@ import functools
 import numpy as np
 import pytest
 
-from conftest import MODEL
+from conftest import nominal as model
 from ground import _core
 from ground.analysis import (
     bands,
@@ -26,10 +26,6 @@ from ground.support.errors import Diverged, GroundError, core_error
 
 FREE = window_error.NOMINAL
 NOISE = np.array([3e-4, 3e-4, 5e-3])
-
-
-def model():
-    return _core.load_model(str(MODEL))
 
 
 @functools.lru_cache(maxsize=None)

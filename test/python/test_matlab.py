@@ -7,7 +7,7 @@ import pytest
 from scipy.io import loadmat, whosmat
 
 import ground
-from conftest import MODEL, identify
+from conftest import MODEL, identify, succeeds
 
 NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,62}$")
 
@@ -44,20 +44,8 @@ def two_runs(tmp_path_factory):
 
 
 def test_a_fit_goes_on_in_matlab(two_runs, tmp_path):
-    said = identify(
-        "fit",
-        two_runs,
-        "--model",
-        MODEL,
-        "--free",
-        "k",
-        "N_r",
-        "-o",
-        tmp_path / "m.yaml",
-        "--mat",
-        tmp_path / "f.mat",
-    )
-    assert said.returncode == 0, said.stderr
+    options = "--model", MODEL, "--free", "k", "N_r", "--mat", tmp_path / "f.mat"
+    said = succeeds("fit", two_runs, *options, "-o", tmp_path / "m.yaml")
     assert "f.mat" in said.stdout
     found = opened(tmp_path / "f.mat")
     fitted = ground.Model.load(tmp_path / "m.yaml")
@@ -102,8 +90,7 @@ def test_compare_and_diagnose_write_it_too(two_runs, tmp_path):
     turning = ground.Model.load(MODEL).with_effect("yaw_bias", n0=2e-5).save(tmp_path / "turning.yaml")
     models = ["--model", MODEL, "--model", turning.path]
     mat = tmp_path / "c.mat"
-    said = identify("compare", two_runs, *models, "-o", tmp_path / "c", "--numbers", "--mat", mat)
-    assert said.returncode == 0, said.stderr
+    succeeds("compare", two_runs, *models, "-o", tmp_path / "c", "--numbers", "--mat", mat)
     found = opened(mat)
     assert [m.label for m in found["models"]] == ["tiny_whoover", "turning"]
     assert [p.model for p in found["runs"][1].predicted] == ["tiny_whoover", "turning"]
@@ -111,5 +98,5 @@ def test_compare_and_diagnose_write_it_too(two_runs, tmp_path):
     assert again.returncode == 1 and "c.mat exists" in again.stderr
     assert not (tmp_path / "d").exists(), "refused before the work"
     only = ["--only", "yaw_bias", "-o", tmp_path / "diagnosis", "--mat", tmp_path / "d.mat"]
-    assert identify("diagnose", two_runs / "run1.bag", "--model", MODEL, *only).returncode == 0
+    succeeds("diagnose", two_runs / "run1.bag", "--model", MODEL, *only)
     assert opened(tmp_path / "d.mat")["verdict"] == "missing"

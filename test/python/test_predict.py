@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL
 
 TURNING = 2e-5  # yaw moment that the given model does not have [N m]
-
-
-@pytest.fixture(scope="module")
-def craft():
-    return ground.Model.load(MODEL)
 
 
 @pytest.fixture(scope="module")

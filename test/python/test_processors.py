@@ -13,8 +13,9 @@ from numpy.core import _multiarray_umath as numpy_core
 from conftest import ROOT, slow
 from test_downstream import devel_space
 
+pytestmark = slow
 COMPARING = ("test/python/test_track.py::test_the_mvwt_tracks_as_in_the_thesis",)
-PAGES = ("test/python/test_gallery.py", "test/python/test_examples.py")
+PAGES = ("test/python/test_examples.py",)
 # Settings of NumPy, OpenBLAS and the C library
 PLAIN = {
     "NPY_DISABLE_CPU_FEATURES": " ".join(
@@ -33,7 +34,7 @@ def run(*command, **environment):
         env={**os.environ, **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        universal_newlines=True,
+        text=True,
     )
     assert done.returncode == 0, done.stdout
 
@@ -52,7 +53,6 @@ def test_numbers_hold_where_libraries_know_no_instructions_of_this_processor(tmp
     compare(tmp_path, COMPARING, PLAIN)
 
 
-@slow
 def test_numbers_hold_with_a_core_for_any_processor(tmp_path):
     folder = devel_space().parent / "any_processor"
     options = ["CMAKE_BUILD_TYPE=Release", "CMAKE_UNITY_BUILD=ON", "SKBUILD_PROJECT_VERSION=0"]

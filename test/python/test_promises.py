@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, slow
 
 sys.path.insert(0, str(ROOT / "test"))
 import requirements
@@ -90,11 +90,12 @@ def test_no_worst_case_is_beyond_its_limit(name):
     assert late and max(late) < 1e3 * promise["limit"]
 
 
+@slow
 def test_tests_fail_without_the_rule():
     """Those of the search over all sequences of events; `make promises` tries all."""
     program = str(ROOT / "build" / "devel" / "lib" / "ground" / "ground_search_test")
     if subprocess.run(["test", "-x", program]).returncode:
         pytest.skip("ground_search_test is not built: cd build && ninja ground_search_test")
     command = [str(ROOT / "test" / "mutation" / "promises.py"), "--program", "ground_search_test"]
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True)
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     assert done.returncode == 0, done.stdout

@@ -7,6 +7,7 @@ import pytest
 
 import ground
 from conftest import MODEL, recording_of
+from conftest import nominal as model
 from ground import _core
 from ground.checks import findings, quality
 from ground.support.errors import GroundError
@@ -34,10 +35,6 @@ def flown(parts, tail=0.0, seed=1, lift=1.0, nu=(0.0, 0.0, 0.0), rate=100.0):
 
 def run_of(times, eta, rows, **more):
     return quality.repaired(recording_of(times, eta, rows, **more))
-
-
-def model():
-    return _core.load_model(str(MODEL))
 
 
 # --- usable spans

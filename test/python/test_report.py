@@ -6,7 +6,7 @@ import resource
 import pytest
 
 from browsing import assert_fits, assert_sound, open_page
-from conftest import MODEL, identify, with_effect, write_bag
+from conftest import MODEL, succeeds, with_effect, write_bag
 from ground import cli
 
 TRUTH = "{name: motor_lag, tau: 0.06}"
@@ -27,8 +27,7 @@ def bags(folder):
 def diagnosed(folder, bags):
     out = folder / "diagnosis"
     only = ["--only", "motor_lag", "input_delay", "floor_tilt"]
-    result = identify("diagnose", bags[0], "--holdout", bags[1], "--model", MODEL, "-o", out, *only)
-    assert result.returncode == 0, result.stderr
+    succeeds("diagnose", bags[0], "--holdout", bags[1], "--model", MODEL, "-o", out, *only)
     return out
 
 
@@ -36,8 +35,7 @@ def diagnosed(folder, bags):
 def compared(folder, bags, diagnosed):
     out = folder / "comparison"
     improved = diagnosed / "improved.yaml"
-    result = identify("compare", bags[1], "--model", MODEL, "--model", improved, "-o", out)
-    assert result.returncode == 0, result.stderr
+    result = succeeds("compare", bags[1], "--model", MODEL, "--model", improved, "-o", out)
     assert "improved - it predicts" in result.stdout
     return out
 

@@ -7,13 +7,8 @@ import pandas
 import pytest
 
 import ground
-from conftest import MODEL, ROOT
+from conftest import ROOT
 from ground.simulation.simulated_run import SimulatedRun
-
-
-@pytest.fixture(scope="module")
-def craft():
-    return ground.Model.load(MODEL)
 
 
 @pytest.fixture(scope="module")
@@ -168,10 +163,3 @@ def test_results_are_copied_to_other_processes(craft, runs, fitted, compared, di
     again.save(tmp_path / "copy")
     assert (tmp_path / "copy" / "report.html").stat().st_size > 1e5
     assert isinstance(pickle.loads(pickle.dumps(runs[0])), SimulatedRun)
-
-
-def test_runs_are_worked_on_in_parallel(craft, runs):
-    joblib = pytest.importorskip("joblib")
-    found = joblib.Parallel(2)(joblib.delayed(ground.fit)(craft, run, free=["k"]) for run in runs)
-    alone = [ground.fit(craft, run, free=["k"]) for run in runs]
-    assert [one.model for one in found] == [one.model for one in alone]

@@ -1,4 +1,4 @@
-"""identify simulate as users run it, and its bags."""
+"""identify simulate as users run it, its bags, and excitation and tracking inside a room."""
 
 import hashlib
 import json
@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from conftest import MODEL, identify, process, program
-from test_identify import fails
+from conftest import MODEL, ROOT, fails, identify, json_of, process, program, succeeds
 
 POSE, TRUTH = "/vrpn_client_node/hovercraft/pose", "/simulator/truth"
 DRIVE = "/drive"
 SETTINGS = "/run/settings"
+ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
 TIMED = "time,left,right\n0,0.2,0.8\n0.5,0.9,0\n2,0,0\n"
 LIFTED = "time,left,right,lift\n0,0,0,1\n1,0.5,0.5,1\n3,0,0,0.5\n4,0,0,0\n"
 
@@ -105,8 +105,7 @@ def sagging(tmp_path_factory):
     assert "effects: []" in text
     model.write_text(text.replace("effects: []", "effects: [{name: battery_sag, tau: 25}]"))
     path = folder / "whole.bag"
-    result = identify("simulate", "--model", model, "--input", "prbs", "--duration", 30, "-o", path)
-    assert result.returncode == 0, result.stderr
+    succeeds("simulate", "--model", model, "--input", "prbs", "--duration", 30, "-o", path)
     return model, path
 
 
@@ -158,20 +157,6 @@ def _load(model):
     return _core.load_model(str(model))
 
 
-def test_poses_are_the_truth_with_noise_in_the_mocaps_axes(tmp_path):
-    from ground.reading.mapping import DEFAULT
-    from ground.reading.readers import read
-
-    path, _ = simulate(tmp_path, "prbs", "--axes", "z, x, y", "--position-noise", 0.002)
-    found = read(str(path), DEFAULT.with_options(axes="z, x, y"))
-    truth = {m.header.stamp.to_nsec(): m for _, m in messages(path)[TRUTH]}
-    at = [truth[int(round(t * 1e9))] for t in found.pose_times]
-    off = found.eta - [m.eta for m in at]
-    off[:, 2] = np.angle(np.exp(1j * off[:, 2]))
-    assert off.std(axis=0) == pytest.approx([2e-3, 2e-3, 5e-3], rel=0.06)
-    assert np.abs(off.mean(axis=0) / off.std(axis=0)).max() < 5 / math.sqrt(len(off))
-
-
 @pytest.mark.parametrize("kind", ["prbs", "tracking", "timed"])
 def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
     if kind == "timed":
@@ -184,8 +169,7 @@ def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
     same = digest_of_messages if kind == "tracking" else digest
     assert same(first) == same(again)
     assert same(first) != same(other)
-    info = identify("info", first, "--json")
-    assert info.returncode == 0, info.stderr
+    succeeds("info", first, "--json")
 
 
 def test_csv_of_a_recording_plays_at_its_clock_and_reports_it(tmp_path):
@@ -243,11 +227,10 @@ def test_the_controller_in_the_loop(tmp_path):
 
 def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
     out = tmp_path / "run.bag"
-    result = identify(
+    result = succeeds(
         *["simulate", "--model", MODEL, "--input", "tracking", "-o", out, "--json"],
         *["--gap-rate", 0.3, "--gap-length", 1],
     )
-    assert result.returncode == 0
     assert "the controller stopped: the state is stale" in result.stderr
     summary = json.loads(result.stdout)
     assert summary["stopped"] == "the state is stale" and summary["duration"] < 20
@@ -268,6 +251,13 @@ def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
         (["--input", "tracking", "--reference", "square"], ["--reference"]),
         (["--input", "tracking", "--size", "-1"], ["size must be between 0.01 and 100 m, not -1"]),
         (["--input", "prbs", "--start-pose", "0", "0", "inf"], ["not finite"]),
+        (["--input", "prbs", "--disturbance", "0.1"], ["a SHARE between 0 and 1 and a positive", "not 0.1"]),
+        (["--input", "prbs", "--disturbance", "2", "0.3"], ["a SHARE between 0 and 1", "not 2 0.3"]),
+        (["--input", "prbs", "--disturbance", "0.1", "0"], ["positive TIME"]),
+        (["--input", "prbs", "--trim", "0.5"], ["0.5 is not between 0 and 0.3"]),
+        (["--input", "prbs", "--burst", "2"], ["--burst needs --room"]),
+        (["--input", "prbs", "--room", ROOM, "--burst", "nan"], ["--burst"]),
+        (["--input", "tracking", "--room", ROOM, "--burst", "2"], ["--burst does not go with"]),
         ([], ["--input"]),
     ],
 )
@@ -309,10 +299,9 @@ def test_the_disturbance_of_a_model_acts_on_request(tmp_path):
 
     def bag(name, *options):
         out = tmp_path / name
-        result = identify(
+        result = succeeds(
             "simulate", "--model", model, "--input", "prbs", "--duration", 2, "-o", out, *options
         )
-        assert result.returncode == 0, result.stderr
         return digest(out), result.stdout
 
     still, output = bag("still.bag")
@@ -323,32 +312,81 @@ def test_the_disturbance_of_a_model_acts_on_request(tmp_path):
     acting, output = bag("acting.bag", "--disturbance")
     assert "with --disturbance" not in " ".join(output.split())
     assert acting == bag("again.bag", "--disturbance")[0]
-    others = [
-        bag("seed.bag", "--disturbance", "--seed", 2)[0],
-        bag("shares.bag", "--disturbance", 0.02, 0.3)[0],
-        bag("trim.bag", "--trim", 0.03)[0],
-        bag("both.bag", "--disturbance", "--trim", 0.03)[0],
-        bag("zero.bag", "--disturbance", 0, 1)[0],
-    ]
-    assert others[-1] == still
-    assert len({still, acting, *others}) == 6
+    assert still == bag("zero.bag", "--disturbance", 0, 1)[0]
+    given = (["--disturbance", "--seed", 2], ["--disturbance", 0.02, 0.3], ["--trim", 0.03])
+    others = [bag("%d.bag" % i, *options)[0] for i, options in enumerate(given)]
+    assert len({still, acting, *others}) == 5
     _, report = simulate(tmp_path, "prbs", "--disturbance", 0.02, 0.3, "--trim", 0.1, name="j.bag")
     assert report["disturbance"]["time"] == [0.3] * 3
     assert report["disturbance"]["trim_thrust"] == 0.1
     assert report["disturbance"]["trim"][0] == pytest.approx(0.1 * 2 * 0.062)
 
 
-@pytest.mark.parametrize(
-    "options, words",
-    [
-        (["--disturbance", "0.1"], ["a SHARE between 0 and 1 and a positive TIME", "not 0.1"]),
-        (["--disturbance", "2", "0.3"], ["a SHARE between 0 and 1", "not 2 0.3"]),
-        (["--disturbance", "0.1", "0"], ["positive TIME"]),
-        (["--trim", "0.5"], ["0.5 is not between 0 and 0.3"]),
-    ],
-)
-def test_bad_disturbances(tmp_path, options, words):
+# --- inside a room
+
+
+def clearances(path, half=2.0):
+    """Distances of the true craft from the walls of a square room in the middle [m]."""
+    eta = np.array([message.eta for _, message in messages(path)[TRUTH]])
+    return half - np.abs(eta[:, :2]).max(axis=1)
+
+
+@pytest.fixture(scope="module")
+def excited(tmp_path_factory):
+    """Bag of 20 s of a PRBS in the room, and the output with --json."""
+    folder = tmp_path_factory.mktemp("excited")
+    return simulate(folder, "prbs", "--room", ROOM)
+
+
+def test_an_excitation_stays_inside_and_one_without_a_room_does_not(excited, tmp_path):
+    path, result = excited
+    assert result["stopped"] is None
+    near = clearances(path)
+    assert near.min() > 0.2
+    assert near.max() - near.min() > 0.5, "the craft moves"
+    open_loop, _ = simulate(tmp_path, "prbs")
+    assert clearances(open_loop).min() < 0
+
+
+def test_a_fit_reads_a_bag_of_bursts(excited, tmp_path):
+    path, _ = excited
+    out = tmp_path / "fitted.yaml"
+    fit = json_of("fit", path, "--model", MODEL, "-o", out)["parameters"]
+    assert fit["k"]["value"] == pytest.approx(0.062, rel=0.03)
+    assert fit["I_z"]["value"] == pytest.approx(8.8e-5, rel=0.03)
+
+
+def test_a_tracking_controller_stays_inside(tmp_path):
+    options = ["--room", ROOM, "--controller", "ModelPredictive", "--size", 1.5]
+    path, result = simulate(tmp_path, "tracking", *options, "--duration", 10)
+    assert result["stopped"] is None and result["bursts"] == 0
+    assert clearances(path).min() > 0.2
+
+
+def test_a_craft_that_would_leave_is_stopped_and_the_run_is_kept(tmp_path):
     out = tmp_path / "run.bag"
-    run = ("simulate", "--model", MODEL, "--input", "prbs", "-o", out, *options)
-    fails(identify(*run), "usage", *words, status=2)
+    result = succeeds(
+        *["simulate", "--model", MODEL, "--input", "prbs", "--room", ROOM, "-o", out],
+        *["--start-velocity", 3, 0, 0],
+    )
+    (message,) = result.stderr.strip().splitlines()
+    assert message.startswith("identify simulate: the controller stopped: ")
+    assert "of the room" in message
+    assert out.exists()
+
+
+def refused(tmp_path, *options):
+    """Runs simulate, which must not write a bag; returns the result."""
+    out = tmp_path / "refused.bag"
+    result = identify("simulate", "--model", MODEL, "-o", out, *options)
     assert not out.exists()
+    return result
+
+
+def test_a_reference_too_large_for_the_room_is_refused_with_one_line(tmp_path):
+    for size in (1.9, 2.5):
+        result = refused(tmp_path, "--input", "tracking", "--room", ROOM, "--size", size)
+        fails(result, "the reference does not fit into", "room_4x4.yaml", "m outside", status=2)
+        assert "does not fit" in result.stderr.strip().splitlines()[-1]
+    shifted = ["--input", "tracking", "--room", ROOM, "--size", 1.5, "--origin", 0.6, 0]
+    fails(refused(tmp_path, *shifted), "the reference does not fit into", status=2)

@@ -1,11 +1,12 @@
-"""The search by simulation error, which a diagnosis turns to where the likelihood misleads."""
+"""The search by simulation error, and the one judge through which every answer goes."""
 
 from unittest import mock
 
 import numpy as np
 import pytest
 
-from conftest import schema, slow
+import ground
+from conftest import MODEL, schema, slow
 from ground.analysis import diagnosis, judge
 from ground.analysis.verdict import conclude
 from ground.data.measured import measured
@@ -81,3 +82,55 @@ def test_a_diagnosis_by_it_has_its_model_errors_and_words(found):
     assert values["hull_lift.yv"] / values["k"] == pytest.approx(LIFT["yv"] / 35, rel=0.1)
     assert any("by simulation error" in line for _, line in answer.lines(report))
     assert np.all([0.7 < row["coverage"] <= 1 for row in report["bands"]])
+
+
+# --- every answer goes through the one judge
+
+
+VETO = judge.PairedComparison("worse", -1.0, 0.1, 1.0, 0.1)
+PLACES = ("ground.analysis.judge.compared", "ground.analysis.diagnosis.compared")
+
+
+@pytest.fixture
+def vetoed():
+    with mock.patch(PLACES[0], return_value=VETO), mock.patch(PLACES[1], return_value=VETO):
+        yield
+
+
+def flown(**hidden):
+    """Two runs of a craft with an effect that its model does not have, and the model."""
+    given = ground.Model.load(MODEL)
+    true = given
+    for name, effect in hidden.items():
+        true = true + (effect if isinstance(effect, ground.Effect) else ground.Effect(name, **effect))
+    runs = [ground.simulate(true, seed=seed, duration=8, name="run%d" % seed) for seed in (1, 2)]
+    return given, runs
+
+
+def test_an_effect_of_the_likelihood_is_judged(vetoed):
+    given, runs = flown(motor_lag={"tau": 0.06})
+    found = ground.diagnose(given, runs, only=["motor_lag"])
+    assert found.verdict != "missing" and not found.effects and not found.improved.effects
+
+
+def test_an_effect_of_the_simulation_error_is_judged(vetoed):
+    found = grown(runs_of(30, hull_lift=LIFT))
+    assert not found.grow_by_simulation("")
+    names = sorted(found.names)
+    for why in ("first", "then"):  # what is withdrawn is told once, by the last reason
+        found.withdraw(why)
+    assert not found.names and not found.steps
+    told = [dropped.trial.name for dropped in found.dropped]
+    assert set(names) <= set(told) and len(told) == len(set(told))
+
+
+def test_a_formula_is_judged(vetoed):
+    waves = ground.Effect("washboard", X="a*sin(2*pi*x/0.3)", a=(0.012, "N"))
+    found = ground.diagnose(*flown(washboard=waves), only=["wind"])
+    assert found.proposal is None and not found.improved.effects
+
+
+def test_an_added_effect_is_judged(vetoed):
+    given, runs = flown(motor_lag={"tau": 0.06})
+    added = ground.add(given, "motor_lag", runs)
+    assert added.error["heldout"].change < 0 and not added.verdict.helps

@@ -8,7 +8,7 @@ import pytest
 
 import ground
 import mistakes
-from conftest import MODEL, ROOT, identify, slow
+from conftest import MODEL, ROOT, identify, slow, succeeds
 from ground import _core
 from ground.checks import findings, suspicions
 from ground.checks.quality import repaired
@@ -78,11 +78,9 @@ def test_fit_and_compare_say_it_and_change_nothing(tmp_path):
     mistakes.swapped(run)
     folder, mapping = run.write(tmp_path / "run")
     options = ("--mapping", mapping, "--model", MODEL)
-    result = identify("fit", folder, *options, "-o", tmp_path / "fitted.yaml")
-    assert result.returncode == 0
+    result = succeeds("fit", folder, *options, "-o", tmp_path / "fitted.yaml")
     assert result.stderr.count("left and right seem to be swapped") == 1
-    result = identify("compare", folder, *options, "--numbers", "-o", tmp_path / "compared")
-    assert result.returncode == 0
+    result = succeeds("compare", folder, *options, "--numbers", "-o", tmp_path / "compared")
     assert result.stderr.count("left and right seem to be swapped") == 1
     (found,) = ground.read(folder, mapping=mapping)
     assert np.array_equal(found.controls, run.commands[:, 1:])

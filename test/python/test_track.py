@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from conftest import MODEL, ROOT, identify, program
+from conftest import MODEL, ROOT, program, succeeds
 
 TABLE_4_1 = ROOT / "cfg" / "hovercraft" / "tiny_whoover_4_1.yaml"
 MVWT = ROOT / "cfg" / "hovercraft" / "mvwt.yaml"
@@ -104,10 +104,10 @@ def test_a_better_model_tracks_better(effect, tmp_path):
     for seed in (1, 2):
         bags.append(tmp_path / ("%d.bag" % seed))
         drive = ["--input", "prbs", "--duration", 12, "--seed", seed, "--start-pose", 0, 0, seed]
-        assert identify("simulate", "--model", sealed, *drive, "-o", bags[-1]).returncode == 0
+        succeeds("simulate", "--model", sealed, *drive, "-o", bags[-1])
     fitted, improved = tmp_path / "fitted.yaml", tmp_path / "improved.yaml"
-    assert identify("fit", *bags, "--model", MODEL, "-o", fitted).returncode == 0
-    assert identify("add", effect, *bags, "--model", fitted, "-o", improved).returncode == 0
+    succeeds("fit", *bags, "--model", MODEL, "-o", fitted)
+    succeeds("add", effect, *bags, "--model", fitted, "-o", improved)
     errors = {}
     for name, model in (("before", fitted), ("after", improved)):
         found = [

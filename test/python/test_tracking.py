@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from conftest import MODEL, identify, write_bag
+from conftest import MODEL, identify, json_of, succeeds, write_bag
 
 CIRCLE = ["--input", "tracking", "--reference", "circle", "--size", "1", "--duration", "15"]
 
@@ -13,15 +13,12 @@ CIRCLE = ["--input", "tracking", "--reference", "circle", "--size", "1", "--dura
 def driven(tmp_path_factory):
     bag = tmp_path_factory.mktemp("tracking") / "circle.bag"
     options = ["--controller", "ModelPredictive", "--json", "-o", bag]
-    result = identify("simulate", "--model", MODEL, *CIRCLE, *options)
-    assert result.returncode == 0, result.stderr
+    result = succeeds("simulate", "--model", MODEL, *CIRCLE, *options)
     return bag, json.loads(result.stdout)
 
 
 def tracking(*arguments):
-    result = identify("tracking", *arguments, "--json")
-    assert result.returncode == 0, result.stderr
-    return json.loads(result.stdout)
+    return json_of("tracking", *arguments)
 
 
 def test_the_error_equals_that_of_the_simulation(driven, tmp_path):
@@ -56,7 +53,7 @@ def test_several_runs_are_a_table_with_a_row_for_each(driven, tmp_path):
     weak.write_text(MODEL.read_text().replace("k: 0.062", "k: 0.05"))
     other = tmp_path / "weak.bag"
     options = ["--controller", "ModelPredictive", "-o", other]
-    assert identify("simulate", "--model", weak, *CIRCLE, *options).returncode == 0
+    succeeds("simulate", "--model", weak, *CIRCLE, *options)
     printed = identify("tracking", driven[0], other, "--settled", 5).stdout
     found = tracking(driven[0], other, "--settled", 5)
     table = printed.split("Next:")[0].splitlines()

@@ -1,21 +1,18 @@
 """Runs for Foxglove and other viewers: MCAP files are read back, and a live view meets strange messages."""
 
-import importlib.util
 import json
 import math
 import os
 import re
 import subprocess
-import sys
 import time
 import xml.etree.ElementTree
-from unittest import mock
 
 import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, free_port, identify, located
+from conftest import MODEL, ROOT, free_port, identify, json_of, located
 from ground.analysis import missing_wrench
 from ground.exporting import channels, viewers
 from ground.poses import angles, repair
@@ -56,9 +53,7 @@ def diagnosis(run, tmp_path_factory):
 def exported(run, diagnosis, tmp_path_factory):
     """What the command line says, and the messages of its file."""
     path = tmp_path_factory.mktemp("mcap") / "run.mcap"
-    said = identify("export", run, diagnosis, "--mcap", path, "--json")
-    assert said.returncode == 0, said.stderr
-    return json.loads(said.stdout), foxglove_client.read_mcap(path)
+    return json_of("export", run, diagnosis, "--mcap", path), foxglove_client.read_mcap(path)
 
 
 def numbers(messages, *fields):
@@ -165,28 +160,6 @@ def test_an_mcap_file_is_replaced_only_by_force(run, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["run.mcap"]
 
 
-def test_commands_of_other_thrusters_have_their_names(tmp_path):
-    four = ground.Model.load(ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml")
-    made = ground.simulate(four, "multilevel-prbs", duration=10)
-    made.save(tmp_path / "four.bag")
-    mapping = ROOT / "cfg" / "mapping" / "four_thrusters.yaml"
-    path = tmp_path / "four.mcap"
-    said = identify("export", tmp_path / "four.bag", "--mcap", path, "--mapping", mapping)
-    if said.returncode:  # the bag has ground's own topics
-        said = identify("export", tmp_path / "four.bag", "--mcap", path)
-    assert said.returncode == 0, said.stderr
-    fields = foxglove_client.read_mcap(path)["/commands"][0][1].DESCRIPTOR.fields_by_name
-    assert list(fields) == list(four.core.channels)
-
-
-def test_without_the_library_a_sentence_says_what_to_install(run, tmp_path):
-    for version, words in (((3, 8), "Python 3.10"), ((3, 12), "pip install foxglove-sdk")):
-        with mock.patch.object(importlib.util, "find_spec", return_value=None):
-            with mock.patch.object(sys, "version_info", version):
-                with pytest.raises(ground.GroundError, match=re.escape(words)):
-                    ground.to_mcap(run, tmp_path / "run.mcap")
-
-
 def test_layouts_show_only_channels_that_there_are():
     known = {topic + "." + f for topic, kind in channels.KINDS.items() for f in (*kind.numbers, *kind.texts)}
     known |= {"%s.%s" % (topic, name) for topic in channels.COMMANDS for name in ("left", "right", "lift")}
@@ -259,22 +232,14 @@ def test_texts_of_any_kind_are_shown_as_texts():
     with Shown() as shown:
         viewer = LiveViewer(shown.view, lambda: None)
         status = stamped(msgs.SenderStatus, 3, state=2, reason=HOSTILE, peer=HOSTILE)
-        beliefs = stamped(
-            msgs.DiscoveryStatus,
-            3,
-            activity=HOSTILE,
-            belief_effects=[HOSTILE],
-            beliefs=[0.5],
-            belief_states=["open"],
-        )
-        controls = stamped(
-            msgs.Controls, 3, channels=["7<b>", "ö", "7<b>"], thrusters=[0.1, 0.2, 0.3], lift=1.0
-        )
-        error = stamped(msgs.ModelError, 3, model=HOSTILE, failure=HOSTILE, horizon=1.0, excited=True)
-        sent = [("sender/status", status), ("discovery/status", beliefs)]
-        sent += [
-            ("controls", controls),
-            ("model_error", error),
+        belief = {"belief_effects": [HOSTILE], "beliefs": [0.5], "belief_states": ["open"]}
+        controls = {"channels": ["7<b>", "ö", "7<b>"], "thrusters": [0.1, 0.2, 0.3], "lift": 1.0}
+        error = {"model": HOSTILE, "failure": HOSTILE, "horizon": 1.0, "excited": True}
+        sent = [
+            ("sender/status", status),
+            ("discovery/status", stamped(msgs.DiscoveryStatus, 3, activity=HOSTILE, **belief)),
+            ("controls", stamped(msgs.Controls, 3, **controls)),
+            ("model_error", stamped(msgs.ModelError, 3, **error)),
             ("state", stamped(msgs.State, 3, status=HOSTILE)),
         ]
         for _ in range(2):  # the first ones make the channels
@@ -291,12 +256,8 @@ def test_texts_of_any_kind_are_shown_as_texts():
         assert all("<script>alert(1)</script>" in text for text in texts)
         assert not any(c in text for text in texts for c in "\x1b\x00\u202e\ud800")
         commands = shown.messages("/commands")[-1]
-        assert sorted(getattr(commands, f) for f in commands.DESCRIPTOR.fields_by_name) == [
-            0.1,
-            0.2,
-            0.3,
-            1.0,
-        ]
+        values = [getattr(commands, name) for name in commands.DESCRIPTOR.fields_by_name]
+        assert sorted(values) == [0.1, 0.2, 0.3, 1.0]
 
 
 def test_numbers_that_are_not_finite_reach_the_viewer_and_stop_nothing():
@@ -322,24 +283,6 @@ def test_numbers_that_are_not_finite_reach_the_viewer_and_stop_nothing():
         assert all(math.isnan(m.u_m_s) for m in shown.messages("/state", 20))
         (frame,) = [f for f in shown.messages("/tf")[-1].transforms if f.child_frame_id == "hovercraft"]
         assert frame.translation.x == 0.5 and shown.messages("/scene/craft")
-
-
-def test_a_model_that_fails_is_said_once_with_the_next_step():
-    msgs = ros_messages()
-    from ground.nodes.live_viewer import LiveViewer
-
-    with Shown() as shown:
-        viewer = LiveViewer(shown.view, lambda: None)
-        shown.view.say(0, "test", "makes the channel")
-        shown.subscribed("/log")
-        words = ["", "does not predict yaw since 1.0 s", "does not predict yaw since 1.0 s", ""]
-        for i, failure in enumerate(words):
-            error = stamped(
-                msgs.ModelError, 3 + i, model="mine", horizon=1.0, failure=failure, next="diagnose"
-            )
-            viewer.take("model_error", error)
-        said = [m.message for m in shown.messages("/log", 2) if m.name == "mine"]
-    assert said == ["does not predict yaw since 1.0 s; next: diagnose", "predicts the motion again"]
 
 
 def test_time_that_jumps_back_begins_a_new_view():

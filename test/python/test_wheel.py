@@ -13,7 +13,7 @@ import sys
 import pytest
 import rosbag
 
-from conftest import MODEL, ROOT, SHARED, identify, program, slow
+from conftest import MODEL, ROOT, SHARED, identify, program, slow, succeeds
 from test_downstream import devel_space
 
 PRINT = ROOT / "test" / "python" / "print_recording.py"
@@ -29,9 +29,8 @@ def run(*command):
         bare["CMAKE_CXX_COMPILER_LAUNCHER"] = "ccache"
     result = subprocess.run(
         list(map(str, command)),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        universal_newlines=True,
+        capture_output=True,
+        text=True,
         timeout=580,
         env={**bare, "PATH": "/usr/bin:/bin"},
     )
@@ -64,10 +63,10 @@ def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bags")
     simulated, real = folder / "simulated.bag", folder / "real.bag"
     options = ("--model", MODEL, "--input", "prbs", "--duration", 8, "--seed", 3)
-    assert identify("simulate", *options, "-o", simulated).returncode == 0
+    succeeds("simulate", *options, "-o", simulated)
     if not SHARED.is_dir():
         return [simulated]
-    assert identify("import", *exported(), "-o", real).returncode == 0
+    succeeds("import", *exported(), "-o", real)
     return [simulated, real]
 
 
@@ -76,9 +75,7 @@ def exported():
 
 
 def test_recordings_are_the_same_bit_for_bit(bare, bags):
-    with_ros = subprocess.check_output(
-        [sys.executable, str(PRINT), *map(str, bags)], universal_newlines=True
-    ).splitlines()
+    with_ros = subprocess.check_output([sys.executable, str(PRINT), *map(str, bags)], text=True).splitlines()
     without = run(bare / "python", PRINT, *bags).splitlines()
     assert len(without) == len(bags)
     for path, wanted, found in zip(bags, with_ros, without):
