@@ -10,7 +10,7 @@ from ground.poses.inertial import InertialSamples
 from ground.reading import containers
 from ground.reading.containers import Columns, Container
 from ground.reading.mapping import Battery, Clock, FieldMapping, Sensors
-from ground.support.annotations import Array, Document, Flags, Indices
+from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 
 # Fields by type of messages: turn about the vertical and two horizontal accelerations, or the voltage
@@ -41,7 +41,7 @@ class Voltage:
         """Rows of time, voltage (n, 2) on a clock that is 0 at an instant [s]."""
         return np.column_stack([self.times - zero, self.volts])
 
-    def describe(self, zero: float) -> Document:
+    def describe(self, zero: float) -> Dict[str, object]:
         """The values of a JSON document; times on the run's clock."""
         count, span = len(self.times), float(np.ptp(self.times))
         return {
