@@ -81,6 +81,12 @@ WRONG = [
     ("clock_offset: -0.25", "clock_offset: .nan", "nan is not a finite number"),
     ("clock_offset: -0.25", "clock_drift: 0.2", "clock_drift: 0.2 is greater than"),
     ("clock_offset: -0.25", "offset: 1", "'offset' was unexpected"),
+    ("clock_offset: -0.25", "rows: [5, 2]", r"rows is \[5, 2\], but must be the first and the last row"),
+    ("clock_offset: -0.25", "inertial: {yaw_rate: r}", "inertial has yaw_rate or acceleration; name the"),
+    ("topic: /cmd", "topic: /cmd\n  file: a.csv", "commands.file and topic are both given; keep one"),
+    ("  axes", "  heading: {field: psi}\n  axes", "poses.heading and orientation are both given; keep one"),
+    ("  orientation: [q.x, q.y, q.z, q.w]", "", "poses.position has fields, but neither orientation"),
+    ("  orientation: [q.x, q.y, q.z, q.w]", "  heading: {unit: deg}", "poses.heading: 'field' is a required"),
 ]
 
 

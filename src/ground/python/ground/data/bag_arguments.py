@@ -1,7 +1,6 @@
 """Arguments of command lines for recordings: which ones, how they are read, and which part is used."""
 
 import argparse
-import inspect
 import os
 from dataclasses import dataclass
 from typing import Any, Callable, Iterator, List, Sequence, Tuple, Type
@@ -9,11 +8,11 @@ from typing import Any, Callable, Iterator, List, Sequence, Tuple, Type
 from ground.data import measured as api
 from ground.data import read as reader
 from ground.data.measured import Part as Part
-from ground.reading import mapping, run_settings
+from ground.reading.mapping import FieldMapping
 from ground.reading.recording import Recording
 from ground.support import command_line, files
 from ground.support.annotations import Document
-from ground.support.command_line import number, option, positive
+from ground.support.command_line import option
 from ground.support.errors import GroundError
 
 
@@ -34,53 +33,7 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_reading_arguments(parser: "argparse._ActionsContainer") -> None:
     """Adds how recordings are read, and settings that replace the recorded ones."""
-    parser.add_argument(
-        "--axes", help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % run_settings.AXES
-    )
-    parser.add_argument(
-        "--heading-offset",
-        type=number,
-        metavar="RAD",
-        help="measured minus true heading, subtracted from the measured one [rad] (as recorded, else 0)",
-    )
-    parser.add_argument(
-        "--mapping",
-        metavar="M.yaml",
-        help="topics, fields, units and channels (identify info --write-mapping drafts one)",
-    )
-    parser.add_argument(
-        "--types",
-        metavar="PATH",
-        nargs="+",
-        default=(),
-        help=".msg files, or folders of them, for types of messages that a bag does not define",
-    )
-    parser.add_argument("--pose-topic", metavar="TOPIC", help="topic of the poses")
-    parser.add_argument("--command-topic", metavar="TOPIC", help="topic of the commands")
-    parser.add_argument(
-        "--namespace", metavar="NAME", help="of the craft's topics, where a bag has several crafts"
-    )
-    parser.add_argument(
-        "--body", metavar="NAME", help="child frame, or part of the topic's name, of the craft"
-    )
-    parser.add_argument(
-        "--noise",
-        type=positive,
-        nargs=2,
-        metavar=("M", "RAD"),
-        help="standard deviations of positions [m] and headings [rad] (of the scatter of the poses)",
-    )
-    parser.add_argument(
-        "--frame-rate",
-        type=positive,
-        metavar="HZ",
-        help="of the mocap's camera, if the stamps are late [Hz] (of stamps and motion)",
-    )
-    parser.add_argument(
-        "--stamps",
-        choices=["unpadded"],
-        help="nanoseconds after the point of the stamps in a table have no leading zeros: restore them",
-    )
+    command_line.add_options(parser, reader.ReadingOptions)
     parser.add_argument(
         "--leave-out",
         type=_span,
@@ -110,17 +63,15 @@ def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
+def mapping_of(arguments: argparse.Namespace) -> FieldMapping:
     """The FieldMapping that the arguments of add_reading_arguments say."""
-    given = mapping.load(arguments.mapping) if arguments.mapping else mapping.DEFAULT
-    names = inspect.signature(given.with_options).parameters
-    return given.with_options(**{name: getattr(arguments, name) for name in names})
+    return command_line.options(arguments, reader.ReadingOptions).field_mapping()
 
 
 def reading_options(arguments: argparse.Namespace) -> Document:
     """The options of ground.read that the arguments say, with absolute paths."""
-    names = [name for name in inspect.signature(reader.read).parameters if name != "bags"]
-    found = {name: getattr(arguments, name) for name in names if getattr(arguments, name) not in (None, ())}
+    found = vars(command_line.options(arguments, reader.ReadingOptions))
+    found = {name: value for name, value in found.items() if value not in (None, ())}
     if "mapping" in found:
         found["mapping"] = os.path.abspath(found["mapping"])
     if "types" in found:

@@ -2,12 +2,14 @@
 
 import glob
 import os
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
+from ground.reading import run_settings
 from ground.reading.mapping import DEFAULT, FieldMapping, load
 from ground.reading.recording import Recording
 from ground.support.annotations import Path
+from ground.support.command_line import number, option, positive, takes
 from ground.support.errors import GroundError, RecordingWarning, warn
 from ground.support.files import path_of
 from ground.support.progress import Work
@@ -19,31 +21,72 @@ Recordings = Union[_Given, Iterable[Union[_Given, Sequence[_Given]]]]
 NO_RECORDING = "no recordings are given"
 
 
-def read(
-    bags: Union[Path, Iterable[Path]],
-    *,
-    axes: Optional[str] = None,
-    heading_offset: Optional[float] = None,
-    mapping: Union[Path, FieldMapping, None] = None,
-    pose_topic: Optional[str] = None,
-    command_topic: Optional[str] = None,
-    body: Optional[str] = None,
-    noise: Optional[Tuple[float, float]] = None,
-    frame_rate: Optional[float] = None,
-    stamps: Optional[str] = None,
-    types: Union[Path, Sequence[Path]] = (),
-    namespace: Optional[str] = None,
-) -> Tuple[Recording, ...]:
+@dataclass(frozen=True)
+class ReadingOptions:
+    """How recordings are read, and what replaces what was recorded with them."""
+
+    axes: Optional[str] = option(
+        None, "world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % run_settings.AXES
+    )
+    heading_offset: Optional[float] = option(
+        None,
+        "measured minus true heading, subtracted from the measured one [rad] (as recorded, else 0)",
+        type=number,
+        metavar="RAD",
+    )
+    mapping: Union[Path, FieldMapping, None] = option(
+        None,
+        "topics, fields, units and channels (identify info --write-mapping drafts one)",
+        metavar="M.yaml",
+    )
+    types: Union[Path, Sequence[Path]] = option(
+        (),
+        ".msg files, or folders of them, for types of messages that a bag does not define",
+        nargs="+",
+        metavar="PATH",
+    )
+    pose_topic: Optional[str] = option(None, "topic of the poses", metavar="TOPIC")
+    command_topic: Optional[str] = option(None, "topic of the commands", metavar="TOPIC")
+    namespace: Optional[str] = option(
+        None, "of the craft's topics, where a bag has several crafts", metavar="NAME"
+    )
+    body: Optional[str] = option(
+        None, "child frame, or part of the topic's name, of the craft", metavar="NAME"
+    )
+    noise: Optional[Tuple[float, float]] = option(
+        None,
+        "standard deviations of positions [m] and headings [rad] (of the scatter of the poses)",
+        type=positive,
+        nargs=2,
+        metavar=("M", "RAD"),
+    )
+    frame_rate: Optional[float] = option(
+        None,
+        "of the mocap's camera, if the stamps are late [Hz] (of stamps and motion)",
+        type=positive,
+        metavar="HZ",
+    )
+    stamps: Optional[str] = option(
+        None,
+        "nanoseconds after the point of the stamps in a table have no leading zeros: restore them",
+        choices=["unpadded"],
+    )
+
+    def field_mapping(self) -> FieldMapping:
+        """The mapping with what the other options say in its place. GroundError names what is wrong in it."""
+        said = {one.name: getattr(self, one.name) for one in fields(self)}
+        given, types = said.pop("mapping") or DEFAULT, said.pop("types")
+        files = [types] if isinstance(types, (str, os.PathLike)) else types
+        mapping = given if isinstance(given, FieldMapping) else load(os.fspath(given))
+        return mapping.with_options(**said, types=[os.fspath(file) for file in files])
+
+
+@takes(ReadingOptions)
+def read(bags: Union[Path, Iterable[Path]], options: ReadingOptions) -> Tuple[Recording, ...]:
     """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
     bags: a path or several; a folder stands for the bags in it, and a pattern (``flights/*.bag``) for those
-    that match it. axes: world_ned x, y, z in the mocap's axes ("x, z, -y"); heading_offset: measured
-    minus true heading [rad]; both replace what was recorded with the run. mapping: a mapping file, or its
-    content; pose_topic, command_topic and body (child frame, or part of the topic's name) replace its
-    own. noise: of the positions [m] and headings [rad], in place of the scatter of the poses; frame_rate: of
-    the mocap's camera [Hz], in place of what late stamps say. stamps: "unpadded" where nanoseconds after the
-    point have no leading zeros. types: .msg files, or folders of them, for types that a bag does not define.
-    namespace: of the craft's topics, where a bag has several crafts.
+    that match it. mapping: a mapping file, or its content.
     Runs of the same name get the names of their folders in front. GroundError when a bag cannot be read or is
     given twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
@@ -55,16 +98,7 @@ def read(
     """
     given_paths = bags if isinstance(bags, Iterable) and not isinstance(bags, str) else [bags]
     paths = [found for path in given_paths for found in _matching(path_of(path, "a recording"))]
-    if mapping is None:
-        mapping = FieldMapping()
-    elif not isinstance(mapping, FieldMapping):
-        mapping = load(os.fspath(mapping))
-    files = [types] if isinstance(types, (str, os.PathLike)) else types
-    own_types = [os.fspath(file) for file in files]
-    given = mapping.with_options(
-        pose_topic, command_topic, body, axes, heading_offset, noise, frame_rate, stamps, own_types, namespace
-    )
-    return tuple(reading(paths, given))
+    return tuple(reading(paths, options.field_mapping()))
 
 
 def _matching(path: str) -> List[str]:

@@ -9,7 +9,7 @@ import re
 import shutil
 import sqlite3
 import tempfile
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -39,22 +39,17 @@ class Bag(Container):
         super().__init__(path)
         self._given = given
         self._source = _opened(path)
-        self._start()
+        self.warnings += self._source.warnings
+        for topic in dict.fromkeys(one.topic for one in self._source.streams):
+            every = self._of(topic)
+            used = [one for one in every if one.count]
+            kinds = " and ".join(sorted({streams.plain(one.kind) for one in used or every}))
+            unknown = any(definitions.is_undefined(one, given) for one in used)
+            self.topics[topic] = Topic(kinds, sum(one.count for one in used), unknown)
 
-    def _start(self) -> None:
-        self.warnings += [text for text in self._source.warnings if text not in self.warnings]
-        kinds: Dict[str, Dict[str, int]] = {}
-        for one in self._source.streams:
-            of_topic = kinds.setdefault(one.topic, {})
-            of_topic[one.kind] = of_topic.get(one.kind, 0) + one.count
-        for topic, counts in kinds.items():
-            used = sorted({kind for kind, count in counts.items() if count} or set(counts))
-            unknown = any(definitions.is_undefined(one, self._given) for one in self._of(topic) if one.count)
-            plain = " and ".join(kind.replace("/msg/", "/") for kind in used)
-            self.topics[topic] = Topic(plain, sum(counts.values()), unknown)
-
-    def _of(self, topic: str) -> List[Stream]:
-        return [one for one in self._source.streams if one.topic == topic]
+    def _of(self, topic: str, kind: str = "") -> List[Stream]:
+        """The streams of a topic, of one type or all."""
+        return [one for one in self._source.streams if one.topic == topic and kind in ("", one.kind)]
 
     def table(self, topic: str) -> Columns:
         """See Container."""
@@ -63,9 +58,8 @@ class Bag(Container):
             received, messages = self._messages(topic, kind)
             if not messages:
                 continue
-            stream = next(one for one in self._of(topic) if one.kind == kind)
             try:
-                found, lost = self._columns(stream, messages)
+                found, lost = self._columns(self._of(topic, kind)[0], messages)
             except GroundError as error:
                 raise GroundError("%s: %s" % (self.path, error))
             if lost:
@@ -91,9 +85,9 @@ class Bag(Container):
         if file:
             definitions.check_digest(stream, types, file)
         layouts = decoding.Layouts(types, stream.kind, stream.encoding == "ros1")
-        found, lost = layouts.columns(messages, LISTS.get(stream.kind.replace("/msg/", "/"), ""))
+        plain = streams.plain(stream.kind)
+        found, lost = layouts.columns(messages, LISTS.get(plain, ""))
         doubts = layouts.doubts() if file else []
-        plain = stream.kind.replace("/msg/", "/")
         if not found or (file and lost > max(1, decoding.RARE * len(messages))):
             numbers = len(messages) - lost, len(messages), plain, file or "the bag"
             text = "%s: only %d of its %d messages fit the definition of %s in %s"
@@ -108,12 +102,12 @@ class Bag(Container):
     def _messages(self, topic: str, kind: str) -> Tuple[Indices, List[bytes]]:
         """Times of receipt [ns] and contents of messages in this order, as far as they can be read."""
         try:
-            rows = list(self._source.messages(self._chosen(topic, kind)))
+            rows = list(self._source.messages(self._of(topic, kind)))
         except Exception as error:  # the file ends early, or a chunk is damaged
             self._source.close()
             self._source = _salvaged(self.path, error)
             self.warnings += [text for text in self._source.warnings if text not in self.warnings]
-            rows = list(self._source.messages(self._chosen(topic, kind)))
+            rows = list(self._source.messages(self._of(topic, kind)))
         known = [(time, message) for time, message in rows if time < LATEST]
         if len(known) < len(rows):
             self.warnings.append(
@@ -123,9 +117,6 @@ class Bag(Container):
         received = np.array([time for time, _ in known], np.int64)
         order = np.argsort(received, kind="stable")
         return received[order], [known[i][1] for i in order]
-
-    def _chosen(self, topic: str, kind: str) -> List[Stream]:
-        return [one for one in self._of(topic) if one.kind == kind]
 
     def close(self) -> None:
         """See Container."""
@@ -154,7 +145,7 @@ def _opened(path: str) -> Source:
     try:
         import rosbags  # noqa: F401
     except ImportError:
-        raise streams.missing(path)
+        raise GroundError("%s: bags take the Python module rosbags: pip install rosbags" % path)
     try:
         if any(os.path.isfile(path + end) and os.path.getsize(path + end) for end in recorded_files.BESIDE):
             return _Journaled(path)

@@ -1,7 +1,7 @@
 """What the cells of a text table say: numbers, switches, lists, and what stands for no value."""
 
 import re
-from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple
+from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -23,19 +23,7 @@ WITH_UNIT = r"(%s)\s*([A-Za-zµ°%%]+(?:/[A-Za-z]+)?)" % NUMBER
 MOST_WRONG = 0.1  # share of cells that are no numbers in a column of numbers
 FAR = 20.0  # a mark of a missing value is further from the others than so many of their ranges
 # Numbers that loggers write for a missing value, and their opposites
-MARKS = (
-    999.0,
-    9999.0,
-    99999.0,
-    999999.0,
-    999.25,
-    32767.0,
-    32768.0,
-    65535.0,
-    2147483647.0,
-    2147483648.0,
-    1e30,
-)
+MARKS = (999, 9999, 99999, 999999, 999.25, 2**15 - 1, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 1e30)
 
 
 def is_value(cell: str) -> bool:
@@ -64,7 +52,7 @@ def read(frame: "pandas.DataFrame", notes: List[str]) -> Tuple["pandas.DataFrame
     cells, by column. notes: told what was left out."""
     import pandas
 
-    columns: Dict[str, Any] = {}
+    columns: Dict[str, "pandas.Series"] = {}
     units: Dict[str, str] = {}
     for name in frame.columns:
         values = frame[name]
@@ -104,9 +92,7 @@ def _numbers(name: str, values: "pandas.Series", notes: List[str]) -> Tuple[Opti
     unit = ""
     if len(texts) and parts[1].notna().mean() > 1 - MOST_WRONG and parts[1].nunique() == 1:
         texts, unit = parts[0].reindex(texts.index), str(parts[1].dropna().iloc[0])
-    plain = texts.str.replace(
-        r"^([-+]?\d+)[dD]([-+]?\d+)$|^([-+]?\d*\.\d*)[dD]([-+]?\d+)$", _exponent, regex=True
-    )
+    plain = texts.str.replace(r"^([-+]?\d*\.?\d*)[dD]([-+]?\d+)$", r"\1e\2", regex=True)  # of Fortran
     plain = plain.str.replace(r"^([-+]?\d*),(\d+)$", r"\1.\2", regex=True)
     numbers = pandas.to_numeric(plain, errors="coerce")
     wrong = numbers.isna()
@@ -120,12 +106,7 @@ def _numbers(name: str, values: "pandas.Series", notes: List[str]) -> Tuple[Opti
     return numbers.reindex(values.index), unit
 
 
-def _exponent(found: Any) -> str:
-    """A number whose exponent Fortran has written with D."""
-    return re.sub("[dD]", "e", str(found.group(0)))
-
-
-def _lists(name: str, values: "pandas.Series", notes: List[str]) -> Dict[str, Any]:
+def _lists(name: str, values: "pandas.Series", notes: List[str]) -> Dict[str, "pandas.Series"]:
     """A column NAME[i] for each element of lists in cells; none where the texts are no lists."""
     import pandas
 

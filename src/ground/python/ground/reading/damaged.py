@@ -53,8 +53,8 @@ class Damaged(Source):
                 yield found[1:]
 
 
-def _unpacked(data: bytes, compression: str) -> Tuple[bytes, bool]:
-    """The content of a chunk, as far as it can be unpacked, and whether that is all."""
+def unpacked(data: bytes, compression: str) -> Tuple[bytes, bool]:
+    """The content of a chunk or file, as far as it can be unpacked, and whether that is all."""
     if compression in ("", "none"):
         return data, True
     parts: List[bytes] = []
@@ -73,6 +73,8 @@ def _unpacked(data: bytes, compression: str) -> Tuple[bytes, bool]:
 def _unpacker(compression: str) -> Any:
     if compression == "bz2":
         return bz2.BZ2Decompressor()
+    if compression == "gzip":
+        return zlib.decompressobj(16 + zlib.MAX_WBITS)
     if compression == "lz4":
         import lz4.frame
 
@@ -121,7 +123,7 @@ def ros1(file: BinaryIO) -> Iterator[Found]:
             data = _up_to(file, size)
             ends = len(data) < size
             if kind == b"\x05":
-                content, is_whole = _unpacked(data, fields.get(b"compression", b"").decode("latin-1"))
+                content, is_whole = unpacked(data, fields.get(b"compression", b"").decode("latin-1"))
                 if is_whole or ends:
                     yield from _of_chunk(content)
                 else:
@@ -233,7 +235,7 @@ class _Mcap:
 
     def _chunk(self, data: bytes, is_whole: bool) -> Iterator[Found]:
         checksum, compression, at = struct.unpack_from("<I", data, 24)[0], *_text(data, 28)
-        content, is_unpacked = _unpacked(data[at + 8 :], compression)
+        content, is_unpacked = unpacked(data[at + 8 :], compression)
         if is_whole and (not is_unpacked or checksum not in (0, zlib.crc32(content))):
             self.lost += 1
             return

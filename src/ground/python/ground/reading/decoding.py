@@ -3,7 +3,7 @@
 Messages that differ in numbers only are rows of one NumPy array; nothing of a file becomes code.
 """
 
-from typing import Any, Dict, Iterator, List, Mapping, Sequence, Set, Tuple
+from typing import Any, Dict, Iterator, List, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -16,6 +16,10 @@ NUMBERS = {
     "float64": "f8",
 }  # fmt: skip
 TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+Node = Tuple[
+    int, Any
+]  #: type of a field as rosbags describes it: base (1), named (2), array (3), sequence (4)
+Types = Dict[str, Tuple[object, Sequence[Tuple[str, Node]]]]  #: fields of types by name
 LONGEST = 256  # elements of an array of numbers that have columns
 MOST_FIELDS = 10000  # fields of a message; more are taken for damage
 MOST_LAYOUTS = 64  # tried on all messages of a topic; further messages are laid out one by one
@@ -27,7 +31,7 @@ RARE = 0.01  # share of values that may be odd
 class Layouts:
     """Decodes serialized messages of a type by where its fields are."""
 
-    def __init__(self, types: Mapping[str, Any], kind: str, is_ros1: bool) -> None:
+    def __init__(self, types: Types, kind: str, is_ros1: bool) -> None:
         self._types, self._kind, self._is_ros1 = types, kind, is_ros1
         self._odd: Dict[str, List[Indices]] = {}  # by path: how many values are odd, and how many there are
 
@@ -74,9 +78,9 @@ class Layouts:
         self._texts: Dict[str, str] = {}
         self._flags: Set[str] = set()  # paths of those numbers that are true or false
 
-    def _add(self, path: str, kind: Tuple[int, Any]) -> None:
+    def _add(self, path: str, kind: Node) -> None:
         """Finds the numbers and texts of a field. ValueError or LookupError where the message does not fit
-        it. kind: as rosbags describes it: base (1), named (2), array (3) or sequence (4)."""
+        it."""
         node, of = int(kind[0]), kind[1]
         self._count += 1
         if self._count > MOST_FIELDS:

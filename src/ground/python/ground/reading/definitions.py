@@ -6,15 +6,14 @@ rosbags' grammar parses them; nothing of a definition becomes code.
 import os
 import pathlib
 from types import SimpleNamespace
-from typing import Any, Dict, Iterator, List, Sequence
+from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
-from ground.reading.decoding import TIMES
-from ground.reading.streams import ENCODINGS, Stream
+from ground.reading.decoding import TIMES, Node, Types
+from ground.reading.streams import ENCODINGS, Stream, plain
 from ground.support.errors import GroundError, reason
 
 SUFFIXES = (".msg", ".idl")
 SKIPPED = ("build", "install", "log", "devel", "node_modules")  # folders that repeat a workspace's source
-Types = Dict[str, Any]  #: fields of types as rosbags describes them, by name
 
 
 class Definitions:
@@ -41,7 +40,7 @@ class Definitions:
         if len({_text(file) for file in own}) > 1:
             raise GroundError(
                 "%s is defined differently by %s: name one of them by --types"
-                % (_plain(kind), " and ".join(own))
+                % (plain(kind), " and ".join(own))
             )
         return own[0] if own else ""
 
@@ -62,11 +61,6 @@ NONE = Definitions()
 def said(error: object) -> str:
     """What an error of a library says, in one line."""
     return " ".join(str(error).split())[:200] or type(error).__name__
-
-
-def _plain(kind: str) -> str:
-    """The name of a type as ROS 1 writes it."""
-    return kind.replace("/msg/", "/")
 
 
 def _files(path: str) -> Iterator[str]:
@@ -130,7 +124,7 @@ def types_of(stream: Stream, given: Definitions = NONE) -> Types:
         if name not in found:
             raise GroundError(_undefined(stream, name, given))
         seen.add(name)
-        waiting += [inner for inner in _named(found[name]) if inner not in seen]
+        waiting += [inner for inner in _named(found[name][1]) if inner not in seen]
     return found
 
 
@@ -149,25 +143,23 @@ def is_given(stream: Stream, given: Definitions) -> str:
     return "" if stream.definition else given.file(stream.kind)
 
 
-def _named(description: Any) -> Iterator[str]:
+def _named(fields: Sequence[Tuple[str, Node]]) -> Iterator[str]:
     """Types that the fields of a type have."""
-    for _, field in description[1]:
-        node, of = int(field[0]), field[1]
+    for _, (node, of) in fields:
         while node > 2:
-            node, of = int(of[0][0]), of[0][1]
+            node, of = of[0]
         if node == 2:
             yield str(of)
 
 
 def _undefined(stream: Stream, name: str, given: Definitions) -> str:
     """What is missing, and what to do."""
-    needed = "" if name == stream.kind else ", which needs %s" % _plain(name)
-    text = "topic %s has messages of type %s%s, whose definition the file does not hold: give its .msg file, "
-    text += "or a folder with it, by --types, or by types in a mapping"
-    words = text % (stream.topic, _plain(stream.kind), needed)
-    return words + (
-        "; %s has no %s.msg" % (", ".join(given.paths), name.rsplit("/", 1)[-1]) if given.paths else ""
-    )
+    needed = "" if name == stream.kind else ", which needs %s" % plain(name)
+    without = "; %s has no %s.msg" % (", ".join(given.paths), name.rsplit("/", 1)[-1]) if given.paths else ""
+    return (
+        "topic %s has messages of type %s%s, whose definition the file does not hold: give its .msg file, "
+        "or a folder with it, by --types, or by types in a mapping%s"
+    ) % (stream.topic, plain(stream.kind), needed, without)
 
 
 def check_digest(stream: Stream, types: Types, file: str) -> None:
@@ -181,5 +173,5 @@ def check_digest(stream: Stream, types: Types, file: str) -> None:
     if Typestore.hash_rihs01(store, stream.kind) != stream.digest:
         raise GroundError(
             "%s: it does not define %s as topic %s has it: the bag holds the hash of another definition; "
-            "use the definition from when it was recorded" % (file, _plain(stream.kind), stream.topic)
+            "use the definition from when it was recorded" % (file, plain(stream.kind), stream.topic)
         )

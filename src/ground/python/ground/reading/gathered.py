@@ -1,17 +1,16 @@
 """Commands of one recording from one topic or table, or several, such as one for each thruster."""
 
-from dataclasses import dataclass
-from typing import Callable, Iterator, List, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import Iterator, List, Sequence, Tuple
 
 import numpy as np
 
 from ground.reading import commands, containers, instants
-from ground.reading.containers import RECEIVED, Columns, Topic
-from ground.reading.mapping import Clock, CommandChannel, Commands
+from ground.reading.containers import RECEIVED, Columns, Container
+from ground.reading.mapping import CommandChannel, Commands
 from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 
-Stamps = Callable[[Columns, Clock, str, List[str]], Tuple[Indices, Flags]]
 CAME_LATE = "commands came late"
 LATE = 0.05  # least delay beyond the usual one that is late [s]
 TOGETHER = (
@@ -22,25 +21,18 @@ PAUSE = 12.0  # a topic that ends earlier than the others by more has stopped [u
 
 @dataclass(frozen=True)
 class Gathered:
-    """The commands of a recording."""
+    """The commands of a recording, or of one of its topics or tables."""
 
     rows: Array  #: (n, 1 + c) stamp [s] and normalised commands
     channels: Tuple[CommandChannel, ...]
     lift: str  #: the channel of the lift fan
     delay: float  #: median time from stamp to receipt [s]; 0 where that is not known
-
-
-@dataclass(frozen=True)
-class CommandTable:
-    """The commands of one topic or table."""
-
-    name: str
-    gathered: Gathered
+    topic: str = ""  #: the topic or table that has them; empty: several
 
     @property
     def times(self) -> Array:
         """Stamps (n,) [s]."""
-        return np.asarray(self.gathered.rows[:, 0])
+        return np.asarray(self.rows[:, 0])
 
     @property
     def interval(self) -> float:
@@ -49,29 +41,21 @@ class CommandTable:
         return float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
 
 
-def read(
-    path: str,
-    given: Sequence[Tuple[Commands, Topic]],
-    table: Callable[[str], Columns],
-    stamps: Stamps,
-    notes: List[str],
-) -> Gathered:
-    """The commands in the topics of a file. given: each topic with its part of the mapping; stamps: reads
-    the stamps of a table; notes: gets what was left out or assumed. GroundError if they cannot be read."""
+def read(source: Container, given: Sequence[Commands], notes: List[str]) -> Gathered:
+    """The commands in the topics that parts of a mapping name. notes: told what was left out or assumed.
+    GroundError if they cannot be read."""
     parts = []
-    for part, topic in given:
-        said: List[str] = []
-        parts.append(CommandTable(part.topic, _part(path, part, topic, table(part.topic), stamps, said)))
-        notes += ["%s: %s" % (part.topic, text) for text in said] if len(given) > 1 else said
-    return parts[0].gathered if len(parts) == 1 else _merged(path, parts, given[0][0].lift, notes)
+    for one in given:
+        noted: List[str] = []
+        parts.append(_part(source, one, noted))
+        notes += ["%s: %s" % (one.topic, text) for text in noted] if len(given) > 1 else noted
+    return parts[0] if len(parts) == 1 else _merged(source.path, parts, given[0].lift, notes)
 
 
-def _part(
-    path: str, given: Commands, topic: Topic, columns: Columns, stamps: Stamps, notes: List[str]
-) -> Gathered:
-    where = "%s: %s" % (path, given.topic)
-    channels, lift = commands.channels_of(columns, topic.kind, given, where)
-    sent_at, known = stamps(columns, given.time, where, notes)
+def _part(source: Container, given: Commands, notes: List[str]) -> Gathered:
+    where, columns = "%s: %s" % (source.path, given.topic), source.table(given.topic)
+    channels, lift = commands.channels_of(columns, source.topics[given.topic].kind, given, where)
+    sent_at, known = instants.stamps(columns, given.time, where, notes)
     backward = instants.descends(sent_at[known])
     values, used = commands.read(columns, channels, where, given.empty, known, backward, notes)
     instants.check(columns, given.time, sent_at, used, where, values)
@@ -81,19 +65,19 @@ def _part(
     if disorder:
         notes.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     notes.extend(_late(columns, used, sent_at))
-    return Gathered(rows, channels, lift, delay(columns, used, sent_at))
+    return Gathered(rows, channels, lift, delay(columns, used, sent_at), given.topic)
 
 
-def _merged(path: str, parts: Sequence[CommandTable], lift: str, notes: List[str]) -> Gathered:
+def _merged(path: str, parts: Sequence[Gathered], lift: str, notes: List[str]) -> Gathered:
     """The commands of several topics with a row for each time at which one of them has a new one; the others
     hold theirs. GroundError where they have no time in common."""
     for part in parts:
         if len(part.times) == 0:
-            raise GroundError("%s: %s has no commands" % (path, part.name))
-    ordered = [part.gathered.rows[np.argsort(part.times, kind="stable")] for part in parts]
+            raise GroundError("%s: %s has no commands" % (path, part.topic))
+    ordered = [part.rows[np.argsort(part.times, kind="stable")] for part in parts]
     begin = max(rows[0, 0] for rows in ordered)
     if begin > min(rows[-1, 0] for rows in ordered):
-        spans = ["%s %.3f to %.3f s" % (p.name, r[0, 0], r[-1, 0]) for p, r in zip(parts, ordered)]
+        spans = ["%s %.3f to %.3f s" % (p.topic, r[0, 0], r[-1, 0]) for p, r in zip(parts, ordered)]
         raise GroundError(
             "%s: the commands have no time in common: %s; are they of one run, and do their clocks agree?"
             % (path, ", ".join(spans))
@@ -105,11 +89,11 @@ def _merged(path: str, parts: Sequence[CommandTable], lift: str, notes: List[str
     values = [rows[index, 1:] for rows, index in zip(ordered, at)]
     notes.append(
         "commands of %d sources were put together: %s; each is held until its next one, and those within "
-        "%.2g ms are one command" % (len(parts), ", ".join(part.name for part in parts), 1e3 * room)
+        "%.2g ms are one command" % (len(parts), ", ".join(part.topic for part in parts), 1e3 * room)
     )
     notes.extend(_stopped(parts, float(times[-1])))
-    channels = tuple(channel for part in parts for channel in part.gathered.channels)
-    late = float(np.median([part.gathered.delay for part in parts]))
+    channels = tuple(channel for part in parts for channel in part.channels)
+    late = float(np.median([part.delay for part in parts]))
     return Gathered(np.column_stack([times, *values]), channels, lift, late)
 
 
@@ -131,12 +115,12 @@ def _instants(times: Sequence[Array], room: float) -> Array:
     return np.array(found)
 
 
-def _stopped(parts: Sequence[CommandTable], end: float) -> Iterator[str]:
+def _stopped(parts: Sequence[Gathered], end: float) -> Iterator[str]:
     """Topics whose commands end before the other topics' commands."""
     for part in parts:
         last = float(part.times.max())
         if end - last > PAUSE * max(part.interval, max(other.interval for other in parts)):
-            yield "%s ends %.3g s before the other commands; its last one is held" % (part.name, end - last)
+            yield "%s ends %.3g s before the other commands; its last one is held" % (part.topic, end - last)
 
 
 def in_order(given: Sequence[CommandChannel], gathered: Gathered) -> Gathered:
@@ -146,7 +130,7 @@ def in_order(given: Sequence[CommandChannel], gathered: Gathered) -> Gathered:
         return gathered
     at = [names.index(channel.name) for channel in given]
     rows = gathered.rows[:, [0, *(1 + index for index in at)]]
-    return Gathered(rows, tuple(gathered.channels[index] for index in at), gathered.lift, gathered.delay)
+    return replace(gathered, rows=rows, channels=tuple(gathered.channels[index] for index in at))
 
 
 def ascending(rows: Array, what: str, notes: List[str]) -> Array:

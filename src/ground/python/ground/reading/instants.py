@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from ground.reading import containers
-from ground.reading.containers import Column, Columns
-from ground.reading.mapping import TIMES, Clock
+from ground.reading.containers import RECEIVED, STAMP, Column, Columns
+from ground.reading.mapping import HEADER, RECEIPT, TIMES, Clock
 from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 
@@ -34,6 +34,19 @@ DATES = (
 CLOCKS = ("%H:%M:%S.%f", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p")
 FRACTION = re.compile(r"(:\d\d)[.,](\d{1,9})")
 SAMPLE = 200  # texts that show their format
+
+
+def stamps(columns: Columns, clock: Clock, where: str, notes: List[str]) -> Tuple[Indices, Flags]:
+    """Stamps (n,) [ns] of a topic or table, by fields, the header or the times of receipt, and which rows
+    have one. notes: told what was assumed. GroundError when there are none."""
+    if clock.is_of_fields:
+        return read(columns, clock, where, notes)
+    name = STAMP if clock.source != RECEIPT and STAMP in columns else RECEIVED
+    if name not in columns or (clock.source == HEADER and name != STAMP):
+        missing = "no header" if clock.source == HEADER else "no time of receipt"
+        raise GroundError("%s: %s; name the field that is the time in a mapping" % (where, missing))
+    found = np.asarray(columns[name])
+    return found, np.ones(len(found), bool)
 
 
 def read(columns: Columns, clock: Clock, where: str, notes: List[str]) -> Tuple[Indices, Flags]:

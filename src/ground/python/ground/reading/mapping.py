@@ -8,16 +8,19 @@ import json
 import math
 import os
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Type, TypeVar
 
 import numpy as np
 import yaml
 
 from ground import _core
 from ground.reading.payloads import Load
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array
 from ground.support.bounded_yaml import LOADER
 from ground.support.errors import GroundError, reason
+
+_T = TypeVar("_T")
+_Section = TypeVar("_Section", "Poses", "Commands", "Sensors", "Battery")
 
 SCHEMA = "ground/mapping/1"
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # [m]
@@ -28,6 +31,11 @@ TIMES = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1, "days": 86400 * 10**9}  
 # values of a command that mean off and full
 COMMANDS = {"normalised": (0.0, 1.0), "percent": (0.0, 100.0), "microseconds": (1000.0, 2000.0)}
 LIFT = "lift"  # default name of the channel that is no thruster
+# keys of a section in the section: the fields of Poses that have them
+NESTED = {
+    "position": {"fields": "position", "unit": "unit", "scale": "scale"},
+    "heading": {"field": "heading", "unit": "heading_unit", "sign": "heading_sign"},
+}
 HEADER, RECEIPT = "header", "receipt"
 RANGE = (0.0, 1.0)  # default range of a command
 
@@ -177,17 +185,24 @@ class FieldMapping:
         namespace: Optional[str] = None,
     ) -> "FieldMapping":
         """The same with what options say in its place; None leaves it as it is."""
-        given = {"axes": axes, "heading_offset": heading_offset, "topic": pose_topic, "body": body}
-        changed: Dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-        options = {n: "--" + n.replace("_", "-") for n in ("axes", "heading_offset") if n in changed}
-        topic = self.commands.topic if command_topic is None else command_topic
+        options = {"axes": axes, "heading_offset": heading_offset}
+        poses = replace(
+            self.poses,
+            topic=_either(pose_topic, self.poses.topic),
+            body=_either(body, self.poses.body),
+            axes=_either(axes, self.poses.axes),
+            heading_offset=_either(heading_offset, self.poses.heading_offset),
+        )
         found = replace(
             self,
-            poses=replace(self.poses, **changed),
-            commands=replace(self.commands, topic=topic),
+            poses=poses,
+            commands=replace(self.commands, topic=_either(command_topic, self.commands.topic)),
             types=tuple(types) or self.types,
             namespace=namespace or self.namespace,
-            sources={**self.sources, **options},
+            sources={
+                **self.sources,
+                **{n: "--" + n.replace("_", "-") for n, value in options.items() if value is not None},
+            },
             noise=self.noise if noise is None else (noise[0], noise[1]),
             frame_rate=frame_rate or self.frame_rate,
         )
@@ -196,20 +211,16 @@ class FieldMapping:
     def _with_stamps(self, stamps: str) -> "FieldMapping":
         """The same with what all stamps are written like."""
 
-        def changed(clock: Clock) -> Clock:
-            return replace(clock, stamps=stamps)
+        def timed(section: _Section) -> _Section:
+            return replace(section, time=replace(section.time, stamps=stamps))
 
         channels = tuple(
-            one if one.time is None else replace(one, time=changed(one.time))
+            one if one.time is None else replace(one, time=replace(one.time, stamps=stamps))
             for one in self.commands.channels
         )
-        return replace(
-            self,
-            poses=replace(self.poses, time=changed(self.poses.time)),
-            commands=replace(self.commands, time=changed(self.commands.time), channels=channels),
-            inertial=replace(self.inertial, time=changed(self.inertial.time)),
-            battery=replace(self.battery, time=changed(self.battery.time)),
-        )
+        commands = replace(timed(self.commands), channels=channels)
+        sensors = {"inertial": timed(self.inertial), "battery": timed(self.battery)}
+        return replace(self, poses=timed(self.poses), commands=commands, **sensors)
 
     @property
     def of_tables(self) -> bool:
@@ -218,6 +229,11 @@ class FieldMapping:
 
 
 DEFAULT = FieldMapping()
+
+
+def _either(option: _T, own: _T) -> _T:
+    """What an option says; its own value without one."""
+    return own if option is None else option
 
 
 def load(path: str) -> FieldMapping:
@@ -234,27 +250,9 @@ def load(path: str) -> FieldMapping:
     try:
         root = _plain(content)
         _check(root)
-        commands = _commands(root.get("commands", {}))
-        poses = _poses(root.get("poses", {}))
-        inertial = _sensors(root.get("inertial", {}))
-        battery = _battery(root.get("battery", {}))
+        return _mapping(path, **root)
     except ValueError as error:
         raise GroundError("%s: %s" % (path, error))
-    given = {n: path for n in ("axes", "heading_offset") if getattr(poses, n) is not None}
-    offset, drift = root.get("clock_offset", 0.0), root.get("clock_drift", 0.0)
-    loads = tuple(map(Load.of, root.get("payload", [])))
-    rows = tuple(root.get("rows", ()))
-    if rows and not 1 <= rows[0] < rows[1]:
-        raise GroundError(
-            "%s: rows is %s, but must be the first and the last row, from 1" % (path, list(rows))
-        )
-    folder = os.path.dirname(path)
-    types = tuple(os.path.join(folder, os.path.expanduser(one)) for one in root.get("types", ()))
-    noise, frame_rate = root.get("noise"), root.get("frame_rate")
-    noise = None if noise is None else (noise[0], noise[1])
-    found = FieldMapping(poses, commands, inertial, battery, offset, drift, loads, rows, types)
-    found = replace(found, file=path, sources=given, noise=noise, frame_rate=frame_rate)
-    return found._with_stamps(root["stamps"]) if "stamps" in root else found
 
 
 def _plain(value: Any, keys: Tuple[str, ...] = ()) -> Any:
@@ -270,112 +268,87 @@ def _plain(value: Any, keys: Tuple[str, ...] = ()) -> Any:
     return [_plain(inner, keys) for inner in value] if isinstance(value, list) else value
 
 
-def _check(root: Document) -> None:
-    """ValueError where a document is not of the schema in mapping.schema.json."""
+def _check(root: Any) -> None:
+    """ValueError where a document is not of the schema in mapping.schema.json. There `error` speaks of the
+    key, and `sentence` has the key in it; both are clearer than what jsonschema says."""
     import jsonschema
 
     with open(os.path.join(os.path.dirname(__file__), "mapping.schema.json"), encoding="utf-8") as file:
         validator = jsonschema.Draft7Validator(json.load(file))
-    error = jsonschema.exceptions.best_match(validator.iter_errors(root))
-    if error is not None:
-        what, wrong = error.message[:200], repr(error.instance)
-        if "error" in error.schema:  # clearer than what jsonschema says
-            what = error.schema["error"] + (", not %s" % wrong if len(wrong) < 50 else "")
-        raise ValueError("%s: %s" % (".".join(map(str, error.absolute_path)) or "a key", what))
+    errors = sorted(validator.iter_errors(root), key=lambda one: ("sentence" in one.schema, len(one.path)))
+    if not errors:
+        return
+    error = errors[0]
+    key, what, wrong = ".".join(map(str, error.absolute_path)), error.message[:200], repr(error.instance)
+    if "sentence" in error.schema:
+        raise ValueError(error.schema["sentence"] % key)
+    if "error" in error.schema:
+        what = error.schema["error"] + (", not %s" % wrong if len(wrong) < 50 else "")
+    raise ValueError("%s: %s" % (key or "a key", what))
 
 
-def _apart(what: str, keys: Document, one: str, *others: str) -> None:
-    """ValueError for keys that exclude each other."""
-    if one in keys and any(other in keys for other in others):
-        raise ValueError("%s.%s and %s are both given; keep one" % (what, one, " or ".join(others)))
-
-
-def _place(what: str, keys: Document) -> Document:
-    """Topic, file, type and time."""
-    found: Document = {key: keys.get(key, "") for key in ("topic", "file", "type")}
-    return dict(found, type=found["type"].replace("/msg/", "/"), time=_clock(what, keys.get("time", "")))
-
-
-def _clock(what: str, time: Any) -> Clock:
-    clock = Clock(**time) if isinstance(time, dict) else Clock(time)
-    if isinstance(time, dict) and not clock.is_of_fields:
-        raise ValueError("%s.time: must name a field, or a rate" % what)
-    return clock
-
-
-def _poses(keys: Document) -> Poses:
-    _apart("poses", keys, "file", "topic")
-    _apart("poses", keys, "heading", "orientation")
-    position, heading = keys.get("position", {}), keys.get("heading", {})
-    poses = Poses(
-        **_place("poses", keys),
-        body=keys.get("body", ""),
-        position=tuple(position.get("fields", ())),
-        unit=position.get("unit", ""),
-        scale=position.get("scale", 1.0),
-        orientation=tuple(keys.get("orientation", ())),
-        heading=heading.get("field", ""),
-        heading_unit=heading.get("unit", ""),
-        heading_sign=heading.get("sign", 1),
-        axes=keys.get("axes"),
-        heading_offset=keys.get("heading_offset"),
+def _mapping(path: str, schema: str, **keys: Any) -> FieldMapping:
+    """The FieldMapping that the keys of a document say, which is of the schema; ValueError for values that do
+    not fit each other."""
+    poses = _poses(**keys.pop("poses", {}))
+    rows, stamps, folder = keys.get("rows", [1, 2]), keys.pop("stamps", None), os.path.dirname(path)
+    if not rows[0] < rows[1]:
+        raise ValueError("rows is %s, but must be the first and the last row, from 1" % rows)
+    found = _filled(
+        FieldMapping,
+        poses=poses,
+        commands=_commands(**keys.pop("commands", {})),
+        inertial=_filled(Sensors, **keys.pop("inertial", {})),
+        battery=_filled(Battery, **keys.pop("battery", {})),
+        loads=[_filled(Load, **load) for load in keys.pop("payload", [])],
+        types=[os.path.join(folder, os.path.expanduser(one)) for one in keys.pop("types", [])],
+        file=path,
+        sources={name: path for name in ("axes", "heading_offset") if getattr(poses, name) is not None},
+        **keys,
     )
+    return found if stamps is None else found._with_stamps(stamps)
+
+
+def _filled(kind: Type[_T], **keys: Any) -> _T:
+    """A dataclass of what keys of the same names say."""
+    found = {name: tuple(value) if isinstance(value, list) else value for name, value in keys.items()}
+    if "time" in keys:
+        found["time"] = Clock(**keys["time"]) if isinstance(keys["time"], dict) else Clock(keys["time"])
+    if "type" in keys:
+        found["type"] = keys["type"].replace("/msg/", "/")
+    return kind(**found)
+
+
+def _poses(**keys: Any) -> Poses:
+    for name, plain in NESTED.items():
+        keys.update((plain[key], value) for key, value in keys.pop(name, {}).items())
+    poses = _filled(Poses, **keys)
     if poses.axes is not None:
         try:
             _core.AxisMapping(poses.axes, 0.0)
         except ValueError as error:
             raise ValueError("poses.axes is not a frame: %s" % error)
-    if poses.position and not (poses.orientation or poses.heading):
-        raise ValueError("poses.position has fields, but neither orientation nor heading has any")
     return poses
 
 
-def _sensors(keys: Document) -> Sensors:
-    _apart("inertial", keys, "file", "topic")
-    if ("yaw_rate" in keys) != ("acceleration" in keys):
-        raise ValueError("inertial has yaw_rate or acceleration; name the fields of both")
-    return Sensors(
-        **_place("inertial", keys),
-        use=keys.get("use", True),
-        yaw_rate=keys.get("yaw_rate", ""),
-        acceleration=tuple(keys.get("acceleration", ())),
-    )
-
-
-def _battery(keys: Document) -> Battery:
-    _apart("battery", keys, "file", "topic")
-    return Battery(
-        **_place("battery", keys),
-        use=keys.get("use", True),
-        voltage=keys.get("voltage", ""),
-        unit=keys.get("unit", "V"),
-    )
-
-
-def _commands(keys: Document) -> Commands:
-    _apart("commands", keys, "file", "topic")
-    channels = tuple(_channel(name, keys["channels"][name]) for name in keys.get("channels", {}))
+def _commands(**keys: Any) -> Commands:
+    channels = [_channel(name, **given) for name, given in keys.pop("channels", {}).items()]
     names, lift = [channel.name for channel in channels], keys.get("lift", LIFT)
     if lift != LIFT and lift not in names:
         raise ValueError("commands.lift is %s, which is none of the channels: %s" % (lift, ", ".join(names)))
-    empty = "held" if keys.get("empty", "held") == "held" else "off"  # YAML takes a plain off for false
-    return Commands(**_place("commands", keys), channels=channels, lift=lift, empty=empty)
+    if keys.get("empty") is False:  # YAML takes a plain off for false
+        keys["empty"] = "off"
+    return _filled(Commands, channels=channels, **keys)
 
 
-def _channel(name: str, keys: Document) -> CommandChannel:
-    what = "commands.channels." + name
-    _apart(what, keys, "unit", "off", "full")
-    _apart(what, keys, "file", "topic")
-    off, full = COMMANDS[keys.get("unit", "normalised")]
-    low, high = keys.get("range", RANGE)
-    given: Document = {"off": off, "full": full, **keys, "name": name, "range": (low, high)}
-    given["is_given"] = bool({"unit", "off", "full"} & set(keys))
-    given.pop("unit", None)
-    if "time" in keys:
-        given["time"] = _clock(what, keys["time"])
-    channel = CommandChannel(**given)
+def _channel(name: str, unit: str = "", **keys: Any) -> CommandChannel:
+    off, full = COMMANDS[unit or "normalised"]
+    is_given = bool(unit) or "off" in keys or "full" in keys
+    said = {"name": name, "off": off, "full": full, **keys, "is_given": is_given}
+    channel = _filled(CommandChannel, **said)
     if channel.off == channel.full:
-        raise ValueError("%s.full is the same as off, %g" % (what, channel.off))
-    if not low < high:
-        raise ValueError("%s.range is %s, but must be two numbers in order" % (what, keys["range"]))
+        raise ValueError("commands.channels.%s.full is the same as off, %g" % (name, channel.off))
+    if not channel.range[0] < channel.range[1]:
+        text = "commands.channels.%s.range is %s, but must be two numbers in order"
+        raise ValueError(text % (name, keys["range"]))
     return channel

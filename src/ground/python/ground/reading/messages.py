@@ -59,7 +59,7 @@ def _store() -> Any:
 
         every = {name: getattr(kind, "_full_text", "") for name, kind in vars(own).items()}
         texts = {name: text.split("=" * 80)[0] for name, text in every.items() if text}
-    types: Dict[str, Any] = {}
+    types: Dict[str, object] = {}
     for name, text in texts.items():
         types.update(get_types_from_msg(text, "ground_msgs/msg/" + name))
     store = get_typestore(Stores.ROS1_NOETIC)
@@ -67,7 +67,7 @@ def _store() -> Any:
     return store
 
 
-def _new(name: str, fields: Mapping[str, Any]) -> Message:
+def _new(name: str, fields: Mapping[str, object]) -> Message:
     definition = _store().get_msgdef(name)
     return definition.cls(**{**{n: _empty(*of) for n, of in definition.fields}, **fields})
 
@@ -89,7 +89,7 @@ class _Bag:
     """A bag that is being written."""
 
     writer: Any
-    connections: Dict[str, Any] = field(default_factory=dict)  # by topic
+    connections: Dict[str, object] = field(default_factory=dict)  # by topic
 
     def write(self, topic: str, message: Message, received: int) -> None:
         """Adds a message that was received at a time [ns]."""

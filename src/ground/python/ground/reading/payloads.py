@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Iterable, Sequence, Tuple
 
 from ground import _core
-from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
 
@@ -17,12 +16,6 @@ class Load:
     place: Tuple[float, float] = (0.0, 0.0)  #: of its centre of mass: forward, to starboard [m]
     inertia: float = 0.0  #: about its own centre of mass [kg m^2]
     runs: str = "*"  #: pattern of their names
-
-    @classmethod
-    def of(cls, given: Document) -> "Load":
-        """The Load of a mapping's keys."""
-        forward, starboard = given["place"]
-        return cls(given["mass"], (forward, starboard), given.get("inertia", 0.0), given.get("runs", "*"))
 
     @property
     def payload(self) -> _core.Payload:

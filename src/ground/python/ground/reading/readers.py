@@ -19,11 +19,11 @@ from ground.reading import (
     transforms,
     units,
 )
-from ground.reading.containers import RECEIVED, STAMP, Columns, Container, Tables
-from ground.reading.mapping import DEFAULT, HEADER, RECEIPT, Clock, FieldMapping
+from ground.reading.containers import STAMP, Container, Tables
+from ground.reading.mapping import DEFAULT, FieldMapping
 from ground.reading.payloads import payload_of
 from ground.reading.recording import Recording, checked
-from ground.support.annotations import Array, Flags, Indices
+from ground.support.annotations import Array, Flags
 from ground.support.errors import GroundError
 from ground.support.origin import digest_of_files
 
@@ -101,40 +101,12 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     path, warnings, topics = source.path, source.warnings, source.topics
     posed, commanded = _topics(source, mapping)
     flown_by, run_files = run_settings.flown_by(source)
-    kind = topics[posed].kind
-    taken = pose_columns.takes(kind, mapping.poses)
+    taken = pose_columns.takes(topics[posed].kind, mapping.poses)
     settings = run_settings.settings_of(source, taken, mapping, warnings)
-
-    columns, where = source.table(posed), "%s: %s" % (path, posed)
-    columns = transforms.of_body(source, posed, columns, mapping.poses.body, warnings)
-    stamps, known = _stamps(columns, mapping.poses.time, where, warnings)
-    measured = pose_columns.read(columns, stamps, where, kind, mapping.poses, settings, warnings)
-    stamps, known = stamps[measured.chosen], known[measured.chosen]
-    given = known & ~measured.absent
-    instants.check(columns, mapping.poses.time, stamps, given, where, measured.rows)
-    valid = given & measured.valid & ~(np.abs(measured.rows[:, :2]) > FARTHEST).any(axis=1)
-    if not given.all():
-        warnings.append(_without_pose(given))
-    if not valid[given].all():
-        raw = measured.raw[given] if len(measured.raw) else measured.raw
-        warnings.append(_lost(path, valid[given], raw, settings))
-    times = containers.seconds(stamps[valid])
-    delay = gathered.delay(columns, measured.chosen, stamps)
-    shifted = times + mapping.clock_offset + mapping.clock_drift * (times - times[:1])
-    rows = gathered.ascending(np.column_stack([shifted, measured.rows[valid]]), "poses", warnings)
-
+    rows, late = _poses(source, posed, mapping, settings)
     parts = [replace(part, topic=topic) for part, topic in zip(mapping.commands.parts(), commanded)]
-    sent = gathered.read(
-        path, [(part, topics[part.topic]) for part in parts], source.table, _stamps, warnings
-    )
-    sent = gathered.in_order(mapping.commands.channels, sent)
-
-    table = functools.lru_cache(maxsize=None)(source.table)  # telemetry has several sensors
-
-    def quietly(table: Columns, clock: Clock, where: str) -> Tuple[Indices, Flags]:
-        return _stamps(table, clock, where, [])
-
-    sensed = sensors.SensorReader(source, mapping, quietly, table)
+    sent = gathered.in_order(mapping.commands.channels, gathered.read(source, parts, warnings))
+    sensed = sensors.SensorReader(source, mapping, functools.lru_cache(maxsize=None)(source.table))
     read_from = ", ".join("%s (%s)" % (topic, topics[topic].kind) for topic in (posed, *commanded))
     ranges = {channel.name: channel.range for channel in sent.channels}
     return replace(
@@ -152,21 +124,33 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
         voltage=sensed.voltage(),
         noise=mapping.noise,
         frame_rate=mapping.frame_rate,
-        clock_offset=0.0 if mapping.clock_offset or mapping.clock_drift else delay - sent.delay,
+        clock_offset=0.0 if mapping.clock_offset or mapping.clock_drift else late - sent.delay,
     )
 
 
-def _stamps(columns: Columns, clock: Clock, where: str, warnings: List[str]) -> Tuple[Indices, Flags]:
-    """The stamps of a table [ns], from a field, the header or the times of receipt, and which rows have one.
-    GroundError when there are none."""
-    if clock.is_of_fields:
-        return instants.read(columns, clock, where, warnings)
-    name = STAMP if clock.source != RECEIPT and STAMP in columns else RECEIVED
-    if name not in columns or (clock.source == HEADER and name != STAMP):
-        missing = "no header" if clock.source == HEADER else "no time of receipt"
-        raise GroundError("%s: %s; name the field that is the time in a mapping" % (where, missing))
-    found = np.asarray(columns[name])
-    return found, np.ones(len(found), bool)
+def _poses(
+    source: Container, topic: str, mapping: FieldMapping, settings: run_settings.Settings
+) -> Tuple[Array, float]:
+    """Rows of stamp, x, y, psi in world_ned (n, 4), and the median time from stamp to receipt [s].
+    GroundError when they cannot be read."""
+    where, warnings, clock = "%s: %s" % (source.path, topic), source.warnings, mapping.poses.time
+    columns = transforms.of_body(source, topic, source.table(topic), mapping.poses.body, warnings)
+    stamps, known = instants.stamps(columns, clock, where, warnings)
+    kind = source.topics[topic].kind
+    measured = pose_columns.read(columns, stamps, where, kind, mapping.poses, settings, warnings)
+    stamps, known = stamps[measured.chosen], known[measured.chosen]
+    given = known & ~measured.absent
+    instants.check(columns, clock, stamps, given, where, measured.rows)
+    valid = given & measured.valid & ~(np.abs(measured.rows[:, :2]) > FARTHEST).any(axis=1)
+    if not given.all():
+        warnings.append(_without_pose(given))
+    if not valid[given].all():
+        raw = measured.raw[given] if len(measured.raw) else measured.raw
+        warnings.append(_lost(source.path, valid[given], raw, settings))
+    times = containers.seconds(stamps[valid])
+    shifted = times + mapping.clock_offset + mapping.clock_drift * (times - times[:1])
+    rows = gathered.ascending(np.column_stack([shifted, measured.rows[valid]]), "poses", warnings)
+    return rows, gathered.delay(columns, measured.chosen, stamps)
 
 
 def _drives(source: Container) -> Array:

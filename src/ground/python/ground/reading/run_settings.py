@@ -12,7 +12,7 @@ import math
 import os
 import re
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
+from typing import Dict, Iterable, Iterator, List, Mapping, Optional, Tuple, Union
 
 import numpy as np
 import yaml
@@ -21,7 +21,7 @@ from ground import _core
 from ground.reading.containers import STAMP, Container, seconds
 from ground.reading.mapping import FieldMapping
 from ground.support import files
-from ground.support.annotations import Document, Indices
+from ground.support.annotations import Indices
 from ground.support.bounded_yaml import LOADER
 from ground.support.errors import GroundError, reason
 
@@ -79,13 +79,13 @@ class Settings:
             change = self.changes[number]
             yield change, change.mapping(self.sources["axes"]), np.flatnonzero(which == number)
 
-    def values(self, name: str) -> Optional[Tuple[Any, ...]]:
+    def values(self, name: str) -> Optional[Tuple[Union[str, float], ...]]:
         """Values of axes or heading_offset in order of time; None if the poses do not need it."""
         if name not in self.taken:
             return None
         return tuple(value for value, _ in itertools.groupby(getattr(s, name) for s in self.changes))
 
-    def describe(self, zero: float) -> Document:
+    def describe(self, zero: float) -> Dict[str, object]:
         """The settings as plain values; times are those since `zero` [s]."""
         return {
             "axes": self.changes[0].axes,
@@ -108,17 +108,16 @@ def settings_of(
     `warnings` what could not be read and what the poses do not need; raises GroundError for axes that
     are not a frame.
     """
-    given: Dict[str, Any] = {"axes": mapping.poses.axes, "heading_offset": mapping.poses.heading_offset}
-    source = "recorded in the bag"
-    changes = _in_bag(bag, warnings)
+    axes, offset = mapping.poses.axes, mapping.poses.heading_offset
+    changes, source = _in_bag(bag, warnings), "recorded in the bag"
     if not changes:
         changes, source = _beside(bag.path, warnings)
-    sources = dict.fromkeys(given, source)
-    for name, value in given.items():
+    sources = {"axes": source, "heading_offset": source}
+    for name, value in (("axes", axes), ("heading_offset", offset)):
         if value is None:
             continue
         option = mapping.sources.get(name, name)
-        Setting(0, given["axes"] or AXES, given["heading_offset"] or 0.0).mapping(option)
+        Setting(0, axes or AXES, offset or 0.0).mapping(option)
         if name in taken:
             changes = [replace(s, **{name: value}) for s in changes]
             sources[name] = option
@@ -156,15 +155,10 @@ def _beside(path: str, warnings: List[str]) -> Tuple[List[Setting], str]:
     return [Setting(0, AXES, 0.0)], "default"
 
 
-def paths_beside(path: str) -> List[str]:
-    """Paths of the parameter files beside a bag."""
-    names = PART.sub("", path) + ".yaml", os.path.splitext(path)[0] + ".yaml"
-    return [name for name in dict.fromkeys(names) if os.path.isfile(name)]
-
-
-def beside(path: str, warnings: List[str]) -> Iterator[Tuple[str, Any]]:
+def beside(path: str, warnings: List[str]) -> Iterator[Tuple[str, object]]:
     """Name and content of the readable parameter files beside a bag."""
-    for name in paths_beside(path):
+    names = PART.sub("", path) + ".yaml", os.path.splitext(path)[0] + ".yaml"
+    for name in filter(os.path.isfile, dict.fromkeys(names)):
         try:
             with open(name) as file:
                 yield name, yaml.load(file, LOADER)
@@ -175,7 +169,7 @@ def beside(path: str, warnings: List[str]) -> Iterator[Tuple[str, Any]]:
             )
 
 
-def nodes(parameters: Any, name: str) -> Iterator[Document]:
+def nodes(parameters: object, name: str) -> Iterator[Dict[str, object]]:
     """Parameters of nodes of that name, in any namespace."""
     for key, value in parameters.items() if isinstance(parameters, dict) else ():
         if key == name and isinstance(value, dict):
@@ -184,23 +178,18 @@ def nodes(parameters: Any, name: str) -> Iterator[Document]:
             yield from nodes(value, name)
 
 
-def contents(parameters: Mapping[str, Any]) -> str:
+def contents(parameters: object) -> str:
     """YAML text with the contents of the model and room files that `parameters` (a dict by node) name;
     files that cannot be read are left out."""
-    texts = ((path, _content(path)) for path in sorted(set(_paths(parameters))))
+    named = {value for path, value in _flat(parameters, "") if path.rsplit(".", 1)[-1] in NAMES}
+    texts = ((path, _content(path)) for path in sorted(one for one in named if isinstance(one, str)))
     found = {path: text for path, text in texts if text and len(text) <= LARGEST}
     return str(yaml.safe_dump({FILES: found}) if found else "")
 
 
-def document(parameters: Dict[str, Any]) -> str:
+def document(parameters: object) -> str:
     """YAML text of parameters by node, with the contents of their files."""
     return str(yaml.safe_dump(parameters) + contents(parameters))
-
-
-def _paths(parameters: Mapping[str, Any]) -> Iterator[str]:
-    for path, value in _flat(parameters, ""):
-        if path.rsplit(".", 1)[-1] in NAMES and isinstance(value, str):
-            yield value
 
 
 def _content(path: str) -> Optional[str]:
@@ -228,7 +217,7 @@ class RunFile:
         """SHA-256 of the text, in hexadecimal digits."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
-    def entries(self) -> Dict[str, Any]:
+    def entries(self) -> Dict[str, object]:
         """Its entries by path, {"body.m": 0.0583}, without provenance and comments."""
         try:
             content = yaml.load(self.text, LOADER)
@@ -258,9 +247,9 @@ class RunFile:
         return path
 
 
-def _flat(value: Any, path: str) -> Iterator[Tuple[str, Any]]:
+def _flat(value: object, path: str) -> Iterator[Tuple[str, object]]:
     """Path and value of all entries in nested maps and lists of maps."""
-    inside: Iterable[Tuple[Any, Any]]
+    inside: Iterable[Tuple[object, object]]
     if isinstance(value, dict):
         inside = value.items()
     elif isinstance(value, list) and any(isinstance(inner, dict) for inner in value):
@@ -276,26 +265,26 @@ def flown_by(bag: Container) -> Tuple[Dict[str, str], Dict[str, RunFile]]:
     """How the craft was flown: `controller`, `design` or `reference` and the names of the files `model` and
     `room`, each if known; and the RunFile of `model` and `room` if their contents were recorded, and of
     `truth`, the model of a simulated craft."""
-    found, kept, known = {}, {}, []
+    known: List[object] = []
     for message in bag.rows("ground_msgs/RunSettings"):
         with contextlib.suppress(ValueError, yaml.YAMLError, RecursionError):
             known.append(yaml.load(message["yaml"], LOADER))
     known += [parameters for _, parameters in beside(bag.path, [])]
-    every = [(parameters, node) for parameters in known for node in nodes(parameters, "controller")]
-    for (parameters, node), (name, key) in itertools.product(every, FLOWN_BY.items()):
-        value = node.get(key)
-        if name in found or not isinstance(value, str) or not value:
-            continue
-        found[name] = os.path.basename(value) if name in NAMES else value
-        recorded = parameters.get(FILES)
-        text = recorded.get(value) if isinstance(recorded, dict) else None
-        if name in NAMES and isinstance(text, str):
-            kept[name] = RunFile(value, text)
+    found: Dict[str, str] = {}
+    kept: Dict[str, RunFile] = {}
     for parameters in known:
-        for node in nodes(parameters, "simulator"):
-            path, recorded = str(node.get("model", "")), parameters.get(FILES)
-            if isinstance(recorded, dict) and isinstance(recorded.get(path), str):
-                kept.setdefault("truth", RunFile(path, recorded[path]))
+        recorded = parameters.get(FILES) if isinstance(parameters, dict) else None
+        texts = recorded if isinstance(recorded, dict) else {}
+        for node, (name, key) in itertools.product(nodes(parameters, "controller"), FLOWN_BY.items()):
+            value = node.get(key)
+            if name in found or not isinstance(value, str) or not value:
+                continue
+            found[name] = os.path.basename(value) if name in NAMES else value
+            if name in NAMES and isinstance(texts.get(value), str):
+                kept[name] = RunFile(value, texts[value])
+        for path in (str(node.get("model", "")) for node in nodes(parameters, "simulator")):
+            if isinstance(texts.get(path), str):
+                kept.setdefault("truth", RunFile(path, texts[path]))
     return found, kept
 
 
@@ -309,7 +298,7 @@ class LiveChange:
     before: str
     after: str
 
-    def describe(self, zero: float) -> Document:
+    def describe(self, zero: float) -> Dict[str, object]:
         """The change as plain values; its time counts from `zero` [s]."""
         return dict(vars(self), time=self.time - zero)
 

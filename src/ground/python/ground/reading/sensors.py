@@ -7,10 +7,10 @@ from typing import Callable, Dict, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from ground.poses.inertial import InertialSamples
-from ground.reading import containers
+from ground.reading import containers, instants
 from ground.reading.containers import Columns, Container
 from ground.reading.mapping import Battery, Clock, FieldMapping, Sensors
-from ground.support.annotations import Array, Document, Flags, Indices
+from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
 # Fields by type of messages: turn about the vertical and two horizontal accelerations, or the voltage
@@ -24,7 +24,6 @@ FIELDS: Dict[str, Dict[str, Tuple[str, ...]]] = {
 KEYS = {"inertial": "inertial.yaw_rate and inertial.acceleration", "battery": "battery.voltage"}
 VOLTS = {"V": 1.0, "mV": 1e-3}
 
-Stamps = Callable[[Columns, Clock, str], Tuple[Indices, Flags]]
 Table = Callable[[str], Columns]
 
 
@@ -41,7 +40,7 @@ class Voltage:
         """Rows of time, voltage (n, 2) on a clock that is 0 at an instant [s]."""
         return np.column_stack([self.times - zero, self.volts])
 
-    def describe(self, zero: float) -> Document:
+    def describe(self, zero: float) -> Dict[str, object]:
         """The values of a JSON document; times on the run's clock."""
         count, span = len(self.times), float(np.ptp(self.times))
         return {
@@ -59,12 +58,11 @@ class Voltage:
 
 @dataclass(frozen=True)
 class SensorReader:
-    """What a file has of the craft's sensors. stamps: of a table by a Clock, and its name; table: the columns
-    of a topic. GroundError where the mapping names something else than there is."""
+    """What a file has of the craft's sensors. table: the columns of a topic. GroundError where the mapping
+    names something else than there is."""
 
     source: Container
     mapping: FieldMapping
-    stamps: Stamps
     table: Table
 
     def inertial(self) -> Optional[InertialSamples]:
@@ -114,7 +112,7 @@ class SensorReader:
         if not own[0] and containers.column(columns, paths[0]) is None:
             return None  # telemetry of an earlier version
         values = containers.values(columns, paths, where)
-        stamped, known = self.stamps(columns, self._clock(given.time, topic), where)
+        stamped, known = instants.stamps(columns, self._clock(given.time, topic), where, [])
         times = np.where(known, containers.seconds(stamped), np.nan)
         return times, values, "%s (%s)" % (topic, kind)
 

@@ -5,8 +5,6 @@ import pathlib
 from dataclasses import dataclass, replace
 from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
-from ground.support.errors import GroundError
-
 ENCODINGS = ("ros1", "cdr")  #: of messages of ROS 1 and 2
 
 Row = Tuple[int, bytes]  #: time of receipt [ns] and content of a message
@@ -24,6 +22,11 @@ class Stream:
     definition: str = ""  #: of the type; empty: the file has none
     digest: str = ""  #: hash of the type as ROS 2 takes it (REP 2011)
     count: int = 0  #: number of the messages
+
+
+def plain(kind: str) -> str:
+    """The name of a type as ROS 1 writes it."""
+    return kind.replace("/msg/", "/")
 
 
 class Source:
@@ -97,8 +100,3 @@ class Pieces(Source):
         """See Source."""
         for source in self._sources:
             source.close()
-
-
-def missing(path: str) -> GroundError:
-    """Says that bags cannot be read here."""
-    return GroundError("%s: bags take the Python module rosbags: pip install rosbags" % path)

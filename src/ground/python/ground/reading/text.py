@@ -4,6 +4,8 @@ import gzip
 import zlib
 from typing import List
 
+from ground.reading import damaged
+
 MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # of encodings
 
 
@@ -12,7 +14,11 @@ def lines_of(path: str, notes: List[str]) -> List[str]:
     with open(path, "rb") as file:
         data = file.read()
     if data[:2] == b"\x1f\x8b":
-        data = _unpacked(data, notes)
+        try:
+            data = gzip.decompress(data)
+        except (OSError, EOFError, zlib.error):
+            notes.append("the compressed file is damaged: read as far as it goes")
+            data, _ = damaged.unpacked(data, "gzip")
     wide = data[1:400:2].count(0) > 0.8 * len(data[1:400:2]) > 0
     encoding = next((found for mark, found in MARKS.items() if data.startswith(mark)), "")
     try:
@@ -23,19 +29,3 @@ def lines_of(path: str, notes: List[str]) -> List[str]:
         notes.append("bytes of value 0 are left out (%d), as a loss of power leaves them" % text.count("\0"))
         text = text.replace("\0", "")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-
-
-def _unpacked(data: bytes, notes: List[str]) -> bytes:
-    """The content of a file of gzip, as far as it goes."""
-    try:
-        return gzip.decompress(data)
-    except (OSError, EOFError, zlib.error):
-        notes.append("the compressed file is damaged: read as far as it goes")
-        unpacking = zlib.decompressobj(16 + zlib.MAX_WBITS)
-        found = b""
-        try:
-            for at in range(0, len(data), 4096):
-                found += unpacking.decompress(data[at : at + 4096])
-        except zlib.error:
-            pass
-        return found

@@ -23,7 +23,7 @@ def option(default: Any, help: str, **more: Any) -> Any:
     return field(default=default, metadata={"help": help, **more})
 
 
-def add_options(parser: argparse.ArgumentParser, kind: Type[Any]) -> None:
+def add_options(parser: "argparse._ActionsContainer", kind: Type[Any]) -> None:
     """Adds the options of a dataclass to a parser."""
     groups: Dict[Any, Any] = {None: parser}
     for one in (one for one in fields(kind) if one.metadata):
