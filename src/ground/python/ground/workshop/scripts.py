@@ -2,11 +2,10 @@
 
 import os
 import shlex
-from typing import Any, List, Mapping
+from typing import List, Mapping
 
 from ground.support import files
-from ground.support.annotations import Document
-from ground.workshop.session import Session
+from ground.workshop.session import Node, Session
 
 HEAD = '''"""What was done on the workbench. It prints the error of each model: predictions after %g s."""
 
@@ -30,49 +29,45 @@ models = {}
 %s'''
 
 
-def path_to(session: Session, node: int) -> List[Document]:
+def path_to(session: Session, node: int) -> List[Node]:
     """The models from the first to one of the history."""
-    found: List[Document] = []
+    found: List[Node] = []
     while node:
         found.insert(0, session.nodes[node])
-        node = session.nodes[node]["parent"]
+        node = session.nodes[node].parent
     return found
 
 
-def python(session: Session, reading: Mapping[str, Any]) -> str:
+def python(session: Session, reading: Mapping[str, object]) -> str:
     """All of the history, in Python."""
-    lines = ["given = ground.Model.parse(%r)" % session.nodes[1]["model"]]
+    lines = ["given = ground.Model.parse(%r)" % session.nodes[1].model]
     for number, node in sorted(session.nodes.items()):
-        at = "runs(%r, %r)" % (
-            node["runs"],
-            {name: [tuple(span) for span in spans] for name, spans in node["cuts"].items()},
-        )
-        before, kind = "models[%d]" % node["parent"], node["kind"]
+        at = "runs(%r, %r)" % (node.runs, node.cuts)
+        before, kind = "models[%d]" % node.parent, node.kind
         as_is = "ground.Predictor(given, %s).error(models[%d])" % (at, number)
         if kind == "start":
             lines.append("models[1] = given")
         elif kind == "set":
             lines.append(
-                "models[%d] = ground.Model.parse(%s.with_values(%r).format())"
-                % (number, before, node["values"])
+                "models[%d] = ground.Model.parse(%s.with_values(%r).format())" % (number, before, node.values)
             )
         elif kind == "fit":
-            lines.append("free = %r" % list(node["parameters"]))
+            lines.append("free = %r" % list(node.parameters or ()))
             lines.append("found = ground.fit(%s, %s, free=free)" % (before, at))
         else:
-            lines.append("found = ground.add(%s, ground.Effect.of(%r), %s)" % (before, node["effect"], at))
+            lines.append("found = ground.add(%s, ground.Effect.of(%r), %s)" % (before, node.effect, at))
         if kind in ("fit", "add"):
             key = "fitted" if kind == "fit" else "with"
             lines.append("models[%d] = ground.Model.parse(found.model.format())" % number)
             as_is = "found.prediction.errors[%r]" % key
-        lines.append("show(%d, %r, %s)" % (number, node["what"], as_is))
+        lines.append("show(%d, %r, %s)" % (number, node.what, as_is))
     lines.append('models[%d].save("model.yaml", force=True)' % session.current)
     paths = sorted({os.path.abspath(run.path) for run in session.recordings})
     options = "".join(", %s=%r" % item for item in reading.items())
-    return HEAD % (session.nodes[1]["seconds"], paths, options, "\n".join(lines)) + "\n"
+    return HEAD % (session.nodes[1].seconds, paths, options, "\n".join(lines)) + "\n"
 
 
-def shell(session: Session, reading: Mapping[str, Any]) -> str:
+def shell(session: Session, reading: Mapping[str, object]) -> str:
     """The way to the current model, as command lines."""
     lines = ["#!/bin/sh", "# What was done on the workbench, up to model %d." % session.current, "set -e"]
     by_name = {run.name: os.path.abspath(run.path) for run in session.recordings}
@@ -81,34 +76,31 @@ def shell(session: Session, reading: Mapping[str, Any]) -> str:
         values = value if isinstance(value, (list, tuple)) else [value]
         options += " --%s %s" % (name.replace("_", "-"), " ".join(shlex.quote(str(one)) for one in values))
     for node in path_to(session, session.current):
-        file = "step_%d.yaml" % node["id"]
-        before, kind = "step_%d.yaml" % node["parent"], node["kind"]
+        file = "step_%d.yaml" % node.id
+        before, kind = "step_%d.yaml" % node.parent, node.kind
         if kind in ("start", "set"):
-            lines += ["cat > %s <<'MODEL'" % file, node["model"].rstrip("\n"), "MODEL"]
+            lines += ["cat > %s <<'MODEL'" % file, node.model.rstrip("\n"), "MODEL"]
             continue
-        bags = " ".join(shlex.quote(by_name[name]) for name in node["runs"])
+        bags = " ".join(shlex.quote(by_name[name]) for name in node.runs)
         cuts = [
             shlex.quote("%s=%.9g,%.9g" % (name, *span))
-            for name, spans in node["cuts"].items() if name in node["runs"] for span in spans
+            for name, spans in node.cuts.items() if name in node.runs for span in spans
         ]  # fmt: skip
         more = options + (" --leave-out %s" % " ".join(cuts) if cuts else "")
         if kind == "fit":
-            more += " --free " + " ".join(node["parameters"])
+            more += " --free " + " ".join(node.parameters or ())
             lines.append("identify fit %s --model %s -o %s --force%s" % (bags, before, file, more))
         else:
-            effect = node["effect"]
+            effect = node.effect
             if not isinstance(effect, str):
-                lines += [
-                    "cat > effect_%d.yaml <<'EFFECT'" % node["id"],
-                    _yaml(effect).rstrip("\n"),
-                    "EFFECT",
-                ]
-            name = effect if isinstance(effect, str) else "effect_%d.yaml" % node["id"]
+                text = _yaml(effect).rstrip("\n")
+                lines += ["cat > effect_%d.yaml <<'EFFECT'" % node.id, text, "EFFECT"]
+            name = effect if isinstance(effect, str) else "effect_%d.yaml" % node.id
             lines.append("identify add %s %s --model %s -o %s --force%s" % (name, bags, before, file, more))
     return "\n".join([*lines, "cp step_%d.yaml model.yaml" % session.current]) + "\n"
 
 
-def save(session: Session, folder: str, reading: Mapping[str, Any]) -> None:
+def save(session: Session, folder: str, reading: Mapping[str, object]) -> None:
     """Writes model and scripts into the folder, and begins the job that writes the page."""
     with session.lock:
         texts = {"script.py": python(session, reading), "script.sh": shell(session, reading)}
@@ -118,7 +110,7 @@ def save(session: Session, folder: str, reading: Mapping[str, Any]) -> None:
         session.begin("page", {"folder": folder, "given": session.given.format(), "files": list(texts)})
 
 
-def _yaml(entry: Document) -> str:
+def _yaml(entry: object) -> str:
     import yaml
 
     return str(yaml.safe_dump(entry, sort_keys=False))

@@ -1,8 +1,8 @@
 """What a person has done on the workbench: a tree of models, roles of runs, and what is known of them."""
 
 import threading
-from dataclasses import asdict
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ground import Effect, Model, Predictor, Recording, Room
 from ground.checks import findings, quality
@@ -14,6 +14,66 @@ from ground.workshop import work
 
 SCHEMA = "ground/workbench/1"  # of the work file
 FIT, HELD_OUT, OFF = "fit", "held out", "off"  # roles of runs
+REFIT = ("parameters", "before", "floor", "helps", "reason", "remarks")  # of fits, that a node has
+Entry = Mapping[str, object]  # effect, as model files list it
+Ticked = Tuple[List[str], work.Cuts]  # the runs that are fitted, and the spans that are left out
+
+
+@dataclass(frozen=True)
+class Node:
+    """A model of the history, and its errors on the runs that were ticked. None: not known."""
+
+    id: int
+    parent: int  # id; 0: none
+    kind: str  # how it was made: start, set, fit or add
+    what: str  # the same in words
+    model: str  # text of the model file
+    values: Optional[Dict[str, float]] = None  # that were set
+    effect: Union[str, Entry, None] = None  # that was added
+    parameters: Optional[Dict[str, Dict[str, object]]] = None  # fitted, by name
+    before: Optional[work.Errors] = None  # of the model before
+    helps: Optional[bool] = None  # whether the effect does
+    reason: Optional[str] = None
+    remarks: Optional[Sequence[str]] = None  # on the fit
+    seconds: float = 0.0  # time over which poses are predicted
+    as_is: Optional[work.Errors] = None
+    error: Optional[work.Errors] = None  # cross-validated, where it was fitted
+    by: str = "as it is"  # what error is
+    floor: Optional[work.Errors] = None  # that the noise of poses leaves
+    holdout: Optional[work.Errors] = None  # on runs held out
+    runs: List[str] = field(default_factory=list)
+    cuts: work.Cuts = field(default_factory=dict)
+
+    def entry(self) -> Dict[str, object]:
+        """The node as events list it."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search for missing effects has found."""
+
+    state: str = "none"  # none, running, stopped, failed or done
+    rows: Sequence[Mapping[str, object]] = ()
+    node: int = 0  # model that it began with
+    answer: Sequence[Sequence[str]] = ()
+    proposal: Optional[Entry] = None
+    next: Optional[Mapping[str, object]] = None  # experiment
+    judge: Optional[List[Any]] = None
+
+
+@dataclass
+class Job:
+    """Work that goes on."""
+
+    id: int
+    kind: str
+    node: int  # model that it began with
+    ticked: Ticked
+    effect: Union[str, Entry, None]
+    told: str = "begins"
+    done: float = 0
+    of: float = 0
 
 
 class Session:
@@ -34,37 +94,38 @@ class Session:
         self.lock, self._building = threading.RLock(), threading.Lock()
         self.changed = threading.Condition(self.lock)
         self.version = 0
-        self.nodes: Dict[int, Document] = {}
+        self.nodes: Dict[int, Node] = {}
         self.current = 0
         self.roles: Dict[str, str] = {}
         self.cuts: work.Cuts = {}
         self.judge: Optional[List[Any]] = None
-        self.search: Document = {"state": "none", "rows": []}
-        self.formula: Document = {}
-        self.running: Dict[int, Document] = {}
-        self.last: Dict[str, Document] = {}  # by kind of job, what makes no model, or why it failed
-        self._renewed: Tuple[str, Document] = ("", {})
+        self.search = Search()
+        self.formula: Entry = {}
+        self.running: Dict[int, Job] = {}
+        self.last: Dict[str, Mapping[str, object]] = {}  # by kind of job: no model, or why it failed
+        self._renewed: Tuple[str, Dict[str, object]] = ("", {})
         self.opened = 0  # how often held-out runs were seen
         self._ready: Dict[str, Predictor] = {}
         self._quality = {d["name"]: d for d in findings.describe([quality.repaired(r) for r in recordings])}
         runs = {run.name: run.identity for run in recordings}
         if not file.events:
-            self._do({"event": "begin", "schema": SCHEMA, "runs": runs, "model": model.format()})
+            self._do("begin", schema=SCHEMA, runs=runs, model=model.format())
         elif file.events[0]["runs"] != runs:
             raise GroundError("%s is of other runs: give -o another folder" % file.path)
         for event in file.events:
             self._apply(event)
         if not self.roles:
             roles = {r.name: HELD_OUT if r.name in held_out else FIT for r in recordings}
-            self._do({"event": "roles", "roles": roles})
+            self._do("roles", roles=roles)
         if not self.nodes:
-            self._add(0, "start", "the given model", self.given.format())
-        if self.search["state"] == "running":
-            self._do({"event": "search", "state": "stopped"})
+            self._add(Node(1, 0, "start", "the given model", self.given.format()))
+        if self.search.state == "running":
+            self._do("search", state="stopped")
 
     # Changes
 
-    def _do(self, event: Document) -> None:
+    def _do(self, kind: str, **content: Any) -> None:
+        event = {"event": kind, **content}
         with self.lock:
             self._file.add(event)
             self._apply(event)
@@ -94,15 +155,15 @@ class Session:
         elif kind in ("roles", "judge", "formula", "current"):
             setattr(self, kind, event[kind])
         elif kind == "node":
-            self.nodes[event["node"]["id"]] = event["node"]
-            self.current = event["node"]["id"]
+            node = Node(**dict(event["node"], cuts=_cuts(event["node"]["cuts"])))
+            self.nodes[node.id], self.current = node, node.id
         elif kind == "cuts":
-            self.cuts = {name: [(a, b) for a, b in spans] for name, spans in event["cuts"].items()}
+            self.cuts = _cuts(event["cuts"])
         elif kind == "search":
-            self.search = {**self.search, **{k: v for k, v in event.items() if k != "event"}}
+            self.search = replace(self.search, **{k: v for k, v in event.items() if k != "event"})
         elif kind == "opened":
             for name, error in event["errors"].items():
-                self.nodes[int(name)]["holdout"] = error
+                self.nodes[int(name)] = replace(self.nodes[int(name)], holdout=error)
             self.opened = event["count"]
 
     # What is known
@@ -128,57 +189,55 @@ class Session:
         """The model of a node; GroundError if there is none."""
         if node not in self.nodes:
             raise GroundError("there is no model %s" % node)
-        return Model.parse(self.nodes[node]["model"])
+        return Model.parse(self.nodes[node].model)
 
-    def varied(self, node: int, values: Document) -> Model:
+    def varied(self, node: int, values: Mapping[str, float]) -> Model:
         """The model of a node with other values."""
         model = self.model_of(node)
         return model.with_values({str(k): float(v) for k, v in values.items()}) if values else model
 
-    def _judged(
-        self, node: Document, after: Optional[Document] = None, ticked: Optional[Document] = None
-    ) -> Document:
-        """A node with its error on the runs that are ticked: as it is; after: cross-validated, where it was
-        fitted; ticked: what was ticked then."""
-        ticked = ticked or self.ticked()
-        ready, model = self.predictor(ticked["runs"], ticked["cuts"]), Model.parse(node["model"])
+    def _judged(self, node: Node, ticked: Ticked, after: Optional[work.Errors] = None) -> Node:
+        """A node with its errors on the runs that are ticked: as it is, and after, cross-validated, where it
+        was fitted."""
+        ready, model = self.predictor(*ticked), Model.parse(node.model)
         off = asdict(ready.error(model))
-        before = self.nodes.get(node["parent"])  # other values hardly change the floor
-        floor = node.get("floor") or (before["floor"] if before else asdict(ready.noise(model)))
-        return {
-            **node,
-            "seconds": ready.horizon,
-            "as_is": off,
-            "error": after or off,
-            "by": "cross-validated" if after else "as it is",
-            "floor": floor,
-            **ticked,
-        }
+        before = self.nodes.get(node.parent)  # other values hardly change the floor
+        return replace(
+            node,
+            seconds=ready.horizon,
+            as_is=off,
+            error=after or off,
+            by="cross-validated" if after else "as it is",
+            floor=node.floor or (before.floor if before else asdict(ready.noise(model))),
+            runs=ticked[0],
+            cuts=ticked[1],
+        )
 
-    def ticked(self) -> Document:
-        """The runs that are fitted, and what of them is left out."""
+    def ticked(self) -> Ticked:
+        """What is ticked now."""
         names = self.names(FIT)
-        return {"runs": names, "cuts": {n: [list(s) for s in self.cuts[n]] for n in names if n in self.cuts}}
+        return names, {name: self.cuts[name] for name in names if name in self.cuts}
 
-    def _now(self) -> Document:
+    def _now(self) -> Dict[str, object]:
         """The error of the current model on what is ticked, where that has changed since; else nothing."""
         node, ticked = self.nodes[self.current], self.ticked()
-        if all(node[key] == ticked[key] for key in ticked):
+        if (node.runs, node.cuts) == ticked:
             return {}
-        key = repr((self.current, node["model"], ticked))
+        key = repr((self.current, node.model, ticked))
         if self._renewed[0] != key:
-            made = self._judged(node)
-            self._renewed = key, {name: made[name] for name in ("error", "by", "floor", "as_is")}
-        return {**self._renewed[1], "before": None}
+            made = self._judged(node, ticked)
+            now = {"error": made.error, "by": made.by, "floor": made.floor, "as_is": made.as_is}
+            self._renewed = key, {**now, "before": None}
+        return self._renewed[1]
 
-    def state(self) -> Document:
+    def state(self) -> Dict[str, object]:
         """All that a page shows."""
         with self.lock:
             model = self.model_of(self.current)
             return {
                 "version": self.version,
                 "runs": [self._run(recording) for recording in self.recordings],
-                "nodes": [{k: v for k, v in node.items() if k != "model"} for node in self.nodes.values()],
+                "nodes": [_without(node.entry(), "model") for node in self.nodes.values()],
                 "current": self.current,
                 "now": self._now(),
                 "effects": list(model.effects),
@@ -190,15 +249,15 @@ class Session:
                     for p in model.core.parameters()
                 ],
                 "judge": self.judge,
-                "search": self.search,
+                "search": asdict(self.search),
                 "formula": self.formula,
                 "opened": self.opened,
-                "running": [{k: v for k, v in j.items() if k != "effect"} for j in self.running.values()],
+                "running": [_without(asdict(job), "effect") for job in self.running.values()],
                 "last": self.last,
                 "room": None if self.room is None else self.room.corners.tolist(),
             }
 
-    def _run(self, recording: Recording) -> Document:
+    def _run(self, recording: Recording) -> Dict[str, object]:
         d = self._quality[recording.name]
         poses = d["poses"]
         told = "%.1f of %.1f s usable, %.4g Hz, noise %.2g mm" % (
@@ -216,45 +275,29 @@ class Session:
 
     # What a person does
 
-    def set_values(self, node: int, values: Document) -> None:
+    def set_values(self, node: int, values: Mapping[str, float]) -> None:
         """Other values of parameters: a new model, or a change of the newest one."""
         with self.lock:
             model, own = self.varied(node, values), self.nodes[node]
-            is_last = own["kind"] == "set" and not any(n["parent"] == node for n in self.nodes.values())
-            given = {**own.get("values", {}), **values} if is_last else dict(values)
-            self._add(
-                own["parent"] if is_last else node,
-                "set",
-                ", ".join("%s %.4g" % item for item in given.items()),
-                model.format(),
-                id=node if is_last else None,
-                values=given,
-            )
+            is_last = own.kind == "set" and not any(n.parent == node for n in self.nodes.values())
+            given = {**(own.values or {}), **values} if is_last else dict(values)
+            what = ", ".join("%s %.4g" % item for item in given.items())
+            number, parent = (node, own.parent) if is_last else (max(self.nodes) + 1, node)
+            self._add(Node(number, parent, "set", what, model.format(), values=given))
 
-    def _add(
-        self,
-        parent: int,
-        kind: str,
-        what: str,
-        model: str,
-        after: Optional[Document] = None,
-        ticked: Optional[Document] = None,
-        **more: Any,
-    ) -> None:
-        number = more.pop("id", None) or max(self.nodes, default=0) + 1
-        node = {"id": number, "parent": parent, "kind": kind, "what": what, "model": model, **more}
-        self._do({"event": "node", "node": self._judged(node, after, ticked)})
+    def _add(self, node: Node, ticked: Optional[Ticked] = None, after: Optional[work.Errors] = None) -> None:
+        self._do("node", node=self._judged(node, ticked or self.ticked(), after).entry())
 
     def select(self, node: int) -> None:
         """Goes to a model of the history."""
         self.model_of(node)
-        self._do({"event": "current", "current": node})
+        self._do("current", current=node)
 
     def undo(self) -> None:
         """Goes back to the model before."""
-        parent = self.nodes[self.current]["parent"]
+        parent = self.nodes[self.current].parent
         if parent:
-            self._do({"event": "current", "current": parent})
+            self._do("current", current=parent)
 
     def set_role(self, run: str, role: str) -> None:
         """A run is fitted, held out or left alone."""
@@ -264,7 +307,7 @@ class Session:
             roles = {**self.roles, run: role}
             if FIT not in roles.values():
                 raise GroundError("at least one run has to be fitted")
-            self._do({"event": "roles", "roles": roles})
+            self._do("roles", roles=roles)
 
     def cut(self, run: str, span: Optional[Sequence[float]]) -> None:
         """Leaves a span of a run out of fits; None: nothing."""
@@ -274,11 +317,11 @@ class Session:
             spans = [*self.cuts.get(run, []), _span(span)] if span else []
             cuts = {**self.cuts, run: spans}
             work.parts(self.recordings, [run], cuts)  # raises where too little is left
-            self._do({"event": "cuts", "cuts": {name: own for name, own in cuts.items() if own}})
+            self._do("cuts", cuts={name: own for name, own in cuts.items() if own})
 
     def judge_on(self, run: str, span: Optional[Sequence[float]]) -> None:
         """Candidates are judged on a span of a run; None: on all fitted runs."""
-        self._do({"event": "judge", "judge": [run, *_span(span)] if span else None})
+        self._do("judge", judge=[run, *_span(span)] if span else None)
 
     def open(self) -> None:
         """Shows the errors of the current model and the given one on the held-out runs."""
@@ -286,9 +329,9 @@ class Session:
             ready = self.predictor(self.names(HELD_OUT), {}) if self.names(HELD_OUT) else None
             if ready is None:
                 raise GroundError("no run is held out")
-            wanted = {1, self.current, self.nodes[self.current]["parent"]} - {0}
+            wanted = {1, self.current, self.nodes[self.current].parent} - {0}
             errors = {str(n): asdict(ready.error(self.model_of(n))) for n in sorted(wanted)}
-            self._do({"event": "opened", "errors": errors, "count": self.opened + 1})
+            self._do("opened", errors=errors, count=self.opened + 1)
 
     def effect(self, given: Any) -> Any:
         """An effect of the library by name, or formulas by channel as an entry of a model file."""
@@ -304,11 +347,11 @@ class Session:
         model.with_effect(given)  # raises where it is no effect
         return given
 
-    def check(self, given: Document) -> Document:
+    def check(self, given: Entry) -> Dict[str, object]:
         """What is known at once of a formula: its parameters with their units. GroundError says what is
         wrong."""
         entry = self.effect(given)
-        self._do({"event": "formula", "formula": given})
+        self._do("formula", formula=given)
         return {"entry": entry, "units": {k: p["unit"] for k, p in entry["parameters"].items()}}
 
     # Long work
@@ -316,21 +359,19 @@ class Session:
     def begin(self, kind: str, given: Any = None) -> int:
         """Begins fit, add, try or search on the current model."""
         with self.lock:
-            if kind in ("fit", "add") and any(j["kind"] in ("fit", "add") for j in self.running.values()):
+            if kind in ("fit", "add") and any(j.kind in ("fit", "add") for j in self.running.values()):
                 raise GroundError("a fit is going on: wait for it, or stop it")
-            for number in [n for n, j in self.running.items() if j["kind"] == kind]:
+            for number in [n for n, job in self.running.items() if job.kind == kind]:
                 self.stop(number)
             self.last.pop(kind, None)
             node, ticked, effect = self.current, self.ticked(), None
             if kind in ("add", "try"):
                 effect = self.effect(given)
             if kind == "search":
-                self._do({"event": "search", "state": "running", "rows": [], "node": node, "answer": [],
-                          "proposal": None, "next": None, "judge": self.judge})  # fmt: skip
+                self._do("search", **asdict(Search("running", node=node, judge=self.judge)))
             more = {"search": self.judge, "page": given}.get(kind, effect)
-            number = self.jobs.begin(kind, self.nodes[node]["model"], ticked["runs"], ticked["cuts"], more)
-            job = {"id": number, "kind": kind, "node": node, "told": "begins"}
-            self.running[number] = {**job, "effect": effect, "ticked": ticked}
+            number = self.jobs.begin(kind, self.nodes[node].model, *ticked, more)
+            self.running[number] = Job(number, kind, node, ticked, effect)
             self.tell()
             return number
 
@@ -339,8 +380,8 @@ class Session:
         with self.lock:
             job = self.running.pop(number, None)
             self.jobs.end(number)
-            if job and job["kind"] == "search":
-                self._do({"event": "search", "state": "stopped"})
+            if job and job.kind == "search":
+                self._do("search", state="stopped")
             self.tell()
 
     def heard(self, number: int, kind: str, content: Any) -> None:
@@ -350,38 +391,42 @@ class Session:
             if job is None:
                 return
             if kind == "progress":
-                job.update(told="%(what)s" % content, done=content["done"], of=content["of"])
+                job.told, job.done, job.of = content.what, content.done, content.of
             elif kind == "rows":
-                self._do({"event": "search", "rows": content})
+                self._do("search", rows=content)
             elif kind == "failed":
-                self.last[job["kind"]] = {"failed": content}
-                if job["kind"] == "search":
-                    self._do({"event": "search", "state": "failed"})
+                self.last[job.kind] = {"failed": content}
+                if job.kind == "search":
+                    self._do("search", state="failed")
             elif kind == "done":
                 try:
                     self._done(job, content)
                 except GroundError as error:
-                    self.last[job["kind"]] = {"failed": str(error)}
+                    self.last[job.kind] = {"failed": str(error)}
             elif kind == "ended":
                 self.running.pop(number)
             self.tell()
 
-    def _done(self, job: Document, found: Document) -> None:
-        kind, node = job["kind"], job["node"]
-        if kind == "search":
-            self._do({"event": "search", "state": "done", **found})
-        elif kind in ("try", "page"):
-            self.last[kind] = {k: v for k, v in found.items() if k != "model"}
+    def _done(self, job: Job, found: Any) -> None:
+        if job.kind == "search":
+            self._do("search", state="done", **found)
+        elif job.kind == "page":
+            self.last["page"] = found
+        elif job.kind == "try":
+            self.last["try"] = _without(found, "model")
         else:
-            what = "fit" if kind == "fit" else "add " + found["effect"]
-            more = {
-                k: found[k]
-                for k in ("parameters", "before", "floor", "helps", "reason", "remarks")
-                if k in found
-            }
-            if kind == "add":
-                more["effect"] = job["effect"]
-            self._add(node, kind, what, found["model"], found["after"], job["ticked"], **more)
+            what = "fit" if job.kind == "fit" else "add " + found["effect"]
+            known = {name: found[name] for name in REFIT if name in found}
+            node = Node(max(self.nodes) + 1, job.node, job.kind, what, found["model"], **known)
+            self._add(replace(node, effect=job.effect), job.ticked, found["after"])
+
+
+def _without(document: Dict[str, object], name: str) -> Dict[str, object]:
+    return {k: v for k, v in document.items() if k != name}
+
+
+def _cuts(given: Mapping[str, Sequence[Sequence[float]]]) -> work.Cuts:
+    return {name: [(start, end) for start, end in spans] for name, spans in given.items()}
 
 
 def _span(given: Sequence[float]) -> Tuple[float, float]:

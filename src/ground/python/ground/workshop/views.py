@@ -1,12 +1,13 @@
 """What the page draws of a run, as plain lists, thinned to what a screen shows."""
 
 import re
-from typing import Any, List, Optional, Sequence
+from dataclasses import dataclass
+from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
 from ground import Model, Predictor
-from ground.support.annotations import Document, Indices
+from ground.support.annotations import Indices
 
 MOST_POINTS = 1000  # of a curve
 MOST_SECONDS = 120.0  # of a run that are predicted at once; a longer part is shown in its first ones
@@ -14,9 +15,21 @@ MOST_COMMANDS = 4  # that the missing wrench is drawn against
 MOTION = ("x", "y", "psi", "u", "v", "r")
 
 
-def curves(ready: Predictor, model: Model, run: str, start: float, end: float) -> Document:
+@dataclass(frozen=True)
+class Part:
+    """A part of a run, predicted by a model."""
+
+    ready: Predictor
+    model: Model
+    run: str
+    start: float  # [s]
+    end: float  # [s]
+
+
+def curves(part: Part) -> Dict[str, List[Optional[float]]]:
     """What a model predicts of a part of a run: t, x ... r, and None between starts."""
-    made = ready.motion(model, run, start, min(end, start + MOST_SECONDS))
+    end = min(part.end, part.start + MOST_SECONDS)
+    made = part.ready.motion(part.model, part.run, part.start, end)
     jumps = np.flatnonzero(np.diff(made.start)) + 1
     at = np.union1d(_thinned(len(made.times)), np.concatenate([jumps, jumps - 1])).astype(int)
     new = np.flatnonzero(np.diff(made.start[at])) + 1
@@ -24,9 +37,9 @@ def curves(ready: Predictor, model: Model, run: str, start: float, end: float) -
     return {name: _listed(values) for name, values in zip(("t", *MOTION), columns.T)}
 
 
-def measured(ready: Predictor, run: str, start: float, end: float) -> Document:
+def measured(part: Part) -> Dict[str, object]:
     """What was measured in a part of a run, and the commands."""
-    frame = ready.measured(run, start, end)
+    frame = part.ready.measured(part.run, part.start, part.end)
     frame = frame.iloc[_thinned(len(frame))]
     return {
         **{name: _listed(frame[name]) for name in ("t", *MOTION)},
@@ -34,11 +47,12 @@ def measured(ready: Predictor, run: str, start: float, end: float) -> Document:
     }
 
 
-def missing(ready: Predictor, model: Model, run: str, start: float, end: float) -> Document:
+def missing(part: Part) -> Dict[str, object]:
     """The missing force and moment along a part of a run, with what it may depend on."""
-    whole = ready.missing(model, run, start, min(end, start + MOST_SECONDS))
+    end = min(part.end, part.start + MOST_SECONDS)
+    whole = part.ready.missing(part.model, part.run, part.start, end)
     frame, channels = whole.iloc[_thinned(len(whole))], []
-    for name, full in model.full_thrust.items():
+    for name, full in part.model.full_thrust.items():
         factor, milli = (1e3, "m") if full < 1 else (1.0, "")
         values, width = factor * frame[name], 2 * factor * frame[name + "_sigma"]
         channels.append(

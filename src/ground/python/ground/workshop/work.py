@@ -3,13 +3,13 @@
 import os
 import re
 from dataclasses import asdict
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ground import Addition, Fit, Model, Recording, Room, add, compare, diagnose, fit, simulate
-from ground.support.annotations import Document
 from ground.support.jobs import Tell
 from ground.support.progress import Listener, Report
 
+Errors = Dict[str, Optional[float]]  # fields of a PoseError
 Cuts = Dict[str, List[Tuple[float, float]]]  # by run, spans that are left out [s]
 ROW = ("effect", "meaning", "size", "certain", "selected", "seen")  # what the page shows of an effect
 
@@ -26,7 +26,7 @@ def worker(recordings: Sequence[Recording], room: Optional[Room]) -> Callable[..
 
     def work(kind: str, arguments: Tuple[Any, ...], tell: Tell) -> None:
         def progress(report: Report) -> None:
-            tell("progress", asdict(report))
+            tell("progress", report)
 
         text, names, cuts, more = arguments
         model, runs = Model.parse(text), parts(recordings, names, cuts)
@@ -44,7 +44,9 @@ def worker(recordings: Sequence[Recording], room: Optional[Room]) -> Callable[..
     return work
 
 
-def saved(model: Model, runs: Sequence[Recording], folder: str, given: str, files: List[str]) -> Document:
+def saved(
+    model: Model, runs: Sequence[Recording], folder: str, given: str, files: List[str]
+) -> Dict[str, object]:
     """The page that compares a model with the given one, beside other files."""
     first = Model.parse(given)
     models = {"given": first} if model == first else {"given": first, "model": model}
@@ -52,18 +54,18 @@ def saved(model: Model, runs: Sequence[Recording], folder: str, given: str, file
     return {"folder": folder, "files": [*files, os.path.relpath(place, folder)]}
 
 
-def fitted(found: Fit) -> Document:
+def fitted(found: Fit) -> Dict[str, object]:
     """A Fit."""
     return {**_refitted(found, "given", "fitted"), "remarks": found.remarks}
 
 
-def added(found: Addition) -> Document:
+def added(found: Addition) -> Dict[str, object]:
     """An Addition."""
     verdict = {"helps": found.verdict.helps, "reason": found.verdict.reason}
     return {**_refitted(found, "without", "with"), "effect": found.effect, **verdict}
 
 
-def _refitted(found: Any, before: str, after: str) -> Document:
+def _refitted(found: Union[Fit, Addition], before: str, after: str) -> Dict[str, object]:
     """A fit or an addition; before, after: names of the models in its prediction error."""
     off, names = found.prediction, ("value", "ci95", "unit", "identified")
     return {
@@ -81,11 +83,11 @@ def searched(
     room: Optional[Room],
     tell: Tell,
     progress: Listener,
-) -> Document:
+) -> Dict[str, object]:
     """A Diagnosis; it passes on rows of the list while it goes on."""
-    predictions: Dict[str, Document] = {}
+    predictions: Dict[str, Errors] = {}
 
-    def rows(tried: Sequence[Document]) -> List[Document]:
+    def rows(tried: Sequence[Mapping[str, Any]]) -> List[Dict[str, object]]:
         predictions.update({row["effect"]: row["prediction"] for row in tried if "prediction" in row})
         return [
             {

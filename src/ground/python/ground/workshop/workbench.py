@@ -7,7 +7,7 @@ import socket
 import sys
 import webbrowser
 from dataclasses import asdict, dataclass
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from ground.data import bag_arguments
 from ground.data.measured import repaired
@@ -20,7 +20,7 @@ from ground.support.command_line import option
 from ground.support.errors import GroundError, OptionError
 from ground.support.event_file import EventFile
 from ground.support.jobs import Jobs
-from ground.support.local_server import Server, packed, serve
+from ground.support.local_server import Action, Server, packed, serve
 from ground.support.progress import Progress, Work, say
 from ground.workshop import scripts, views, work
 from ground.workshop.session import FIT, SCHEMA, Session
@@ -80,7 +80,10 @@ def workbench(
     repaired(runs, told, given.core)
     folder = os.path.abspath(os.fspath(output))
     os.makedirs(folder, exist_ok=True)
-    room = Room.of(options.room) if options.room else _room_of(runs)
+    rooms: Iterable[Optional[Room]] = map(Room.of_recording, runs)
+    if options.room:
+        rooms = [Room.of(options.room)]
+    room = next(filter(None, rooms), None)
 
     def heard(number: int, kind: str, content: Any) -> None:
         session.heard(number, kind, content)
@@ -106,11 +109,6 @@ def _taken(given: Recordings, reading: Mapping[str, Any]) -> List[Recording]:
     return taken([read(one, **reading) if isinstance(one, (str, os.PathLike)) else one for one in every])
 
 
-def _room_of(runs: Sequence[Recording]) -> Optional[Room]:
-    """The room of the first run that has one."""
-    return next((room for room in map(Room.of_recording, runs) if room), None)
-
-
 def _files() -> Dict[str, Tuple[bytes, str]]:
     """What the browser loads."""
     from plotly.offline import get_plotlyjs
@@ -122,39 +120,29 @@ def _files() -> Dict[str, Tuple[bytes, str]]:
     return found
 
 
-def actions(
-    session: Session, folder: str, reading: Mapping[str, Any]
-) -> Dict[str, Callable[[Document], Any]]:
+def actions(session: Session, folder: str, reading: Mapping[str, object]) -> Dict[str, Action]:
     """What the page may ask for, by name."""
 
-    def view(of: Document) -> Any:
+    def part(of: Document) -> views.Part:
         ready = session.predictor([str(of["run"])], {})
         model = session.varied(int(of["node"]), dict(of.get("values", {})))
         start, end = float(of.get("from") or 0.0), float(of["to"]) if of.get("to") else float("inf")
-        return ready, model, str(of["run"]), start, end
+        return views.Part(ready, model, str(of["run"]), start, end)
 
-    def curves(of: Document) -> Document:
-        ready, model, run, start, end = view(of)
-        return {"predicted": views.curves(ready, model, run, start, end)}
-
-    def measured(of: Document) -> Document:
-        ready, _, run, start, end = view(of)
-        return views.measured(ready, run, start, end)
-
-    def error(of: Document) -> Document:
+    def error(of: Document) -> Dict[str, float]:
         model = session.varied(int(of["node"]), dict(of.get("values", {})))
         ready = session.predictor(session.names(FIT))
         return {"seconds": ready.horizon, **asdict(ready.error(model))}
 
-    def done(act: Callable[[Document], Any]) -> Callable[[Document], Document]:
+    def done(act: Action) -> Action:
         return lambda of: {"done": act(of)}
 
     return {
         "state": lambda of: session.state(),
-        "measured": measured,
-        "curves": curves,
+        "measured": lambda of: views.measured(part(of)),
+        "curves": lambda of: {"predicted": views.curves(part(of))},
         "error": error,
-        "missing": lambda of: views.missing(*view(of)),
+        "missing": lambda of: views.missing(part(of)),
         "set": done(lambda of: session.set_values(int(of["node"]), dict(of["values"]))),
         "select": done(lambda of: session.select(int(of["node"]))),
         "undo": done(lambda of: session.undo()),
@@ -162,17 +150,17 @@ def actions(
         "cut": done(lambda of: session.cut(str(of["run"]), of["span"])),
         "judge": done(lambda of: session.judge_on(str(of["run"]), of["span"])),
         "open": done(lambda of: session.open()),
-        "begin": done(lambda of: session.begin(_kind(of), of.get("effect"))),
+        "begin": done(lambda of: session.begin(_kind(of["kind"]), of.get("effect"))),
         "stop": done(lambda of: session.stop(int(of["job"]))),
         "check": lambda of: session.check(dict(of["formula"])),
         "save": done(lambda of: scripts.save(session, folder, reading)),
     }
 
 
-def _kind(of: Document) -> str:
-    if of["kind"] not in ("fit", "add", "try", "search"):
+def _kind(given: object) -> str:
+    if given not in ("fit", "add", "try", "search"):
         raise GroundError("there is no work of this kind")
-    return str(of["kind"])
+    return str(given)
 
 
 def told_of(address: str, has_display: bool) -> Sequence[str]:
