@@ -102,6 +102,8 @@ def _run(name: str, arguments: argparse.Namespace) -> int:
             try:
                 with progress.shown(name, arguments.progress) as arguments.work:
                     result = arguments.run(arguments)
+                    if "drafted" in arguments:
+                        importlib.import_module("ground.data.bag_arguments").store_drafts(arguments)
             except errors.OptionError as error:
                 arguments.refuse(error.as_options)
         if arguments.json:

@@ -84,8 +84,10 @@ def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Reco
     others. GroundError where a span is to be left out of a run that is not among them."""
     given, named = mapping_of(arguments), {name for name, _ in arguments.leave_out}
     met = vars(arguments).setdefault("runs_met", set())
-    for run in reader.reading(bags, given, arguments.work):
+    for run in reader.reading(bags, given, arguments.work, _folder(arguments)):
         met.add(run.name)
+        if run.mapping:
+            vars(arguments).setdefault("drafted", {})[run.name] = run.mapping
         spans = [span for name, span in arguments.leave_out if name == run.name]
         yield run.without(*spans) if spans else run
     held_out = getattr(arguments, "holdout", None)
@@ -94,6 +96,23 @@ def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Reco
             "--leave-out: there is no run %s; runs: %s"
             % (" and no run ".join(sorted(named - met)), ", ".join(sorted(met)))
         )
+
+
+def _folder(arguments: argparse.Namespace) -> str:
+    """The folder of the result of a verb; empty where it writes none."""
+    output = getattr(arguments, "output", None) or ""
+    is_file = bool(os.path.splitext(output)[1]) and not os.path.isdir(output)
+    return os.path.dirname(output) or "." if is_file else output
+
+
+def store_drafts(arguments: argparse.Namespace) -> None:
+    """Writes the drafted mappings of a verb's runs into the folder of its result, if it has one. Only with
+    --force does it replace a file, which may have been edited."""
+    folder, force = _folder(arguments), getattr(arguments, "force", False)
+    for name, text in getattr(arguments, "drafted", {}).items() if folder else ():
+        path = os.path.join(folder, name + reader.DRAFT)
+        if force or not os.path.exists(path):
+            files.write_text(path, text, force)
 
 
 def read(arguments: argparse.Namespace) -> List[Recording]:

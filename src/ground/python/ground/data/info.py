@@ -46,6 +46,7 @@ def run(arguments: argparse.Namespace) -> List[Document]:
         recordings = [recording.with_lift_of(model) for recording in recordings]
     runs = api.repaired(recordings, arguments.work)
     recordings, described = [run.recording for run in runs], findings.describe(runs)
+    mappings = {recording.name: recording.mapping for recording in recordings}
     doubts = suspicions.about(recordings, model)
     described = findings.with_suspicions(described, doubts)
     of_all = [one.sentence for one in doubts if len(one.runs) > 1]
@@ -59,6 +60,8 @@ def run(arguments: argparse.Namespace) -> List[Document]:
             command_line.say(arguments, "  %-11s %s" % (name, value))
         for finding in findings.findings(d):
             command_line.say(arguments, "  - %s" % finding)
+        for line in mappings.get(d["name"], "").splitlines():
+            command_line.say(arguments, "  | " + line)
     angles = [str(one["channel"]) for one in model.thrusters if one["is_angle"]] if model else []
     if angles:
         text = "which channel drives which thruster is not judged: what a thruster does changes with %s"

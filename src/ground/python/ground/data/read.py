@@ -10,7 +10,7 @@ from ground.reading.mapping import DEFAULT, FieldMapping, load
 from ground.reading.recording import Recording
 from ground.support.annotations import Path
 from ground.support.command_line import number, option, positive, takes
-from ground.support.errors import GroundError, RecordingWarning, warn
+from ground.support.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.support.files import path_of
 from ground.support.progress import Work
 from ground.support.results import distinct_labels
@@ -87,6 +87,8 @@ def read(bags: Union[Path, Iterable[Path]], options: ReadingOptions) -> Tuple[Re
 
     bags: a path or several; a folder stands for the bags in it, and a pattern (``flights/*.bag``) for those
     that match it. mapping: a mapping file, or its content.
+    Where a mapping is needed and none is given, one is drafted. If file and motion leave nothing of it to
+    decide, it is used, and `mapping` of the recordings has its text; else GroundError has the open lines.
     Runs of the same name get the names of their folders in front. GroundError when a bag cannot be read or is
     given twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
@@ -111,14 +113,19 @@ def _matching(path: str) -> List[str]:
     return found
 
 
+DRAFT = ".mapping.yaml"  # ends the name of a file with a drafted mapping, after the name of its run
+DRAFTED = "%s: no mapping is given; the draft leaves nothing to decide, so it is read by it: see %s"
 READING = "reading recordings (kB)"  # stage; unit: a kilobyte
 
 
 def reading(
-    paths: Sequence[str], mapping: FieldMapping = DEFAULT, work: Optional[Work] = None
+    paths: Sequence[str],
+    mapping: FieldMapping = DEFAULT,
+    work: Optional[Work] = None,
+    folder: str = "",
 ) -> Iterator[Recording]:
     """The recordings in bags and folders, all read before the first one is returned; work: told of
-    each that is read."""
+    each that is read; folder: in which drafted mappings will be stored."""
     from ground.reading import readers, recorded_files  # recordings in memory need neither
 
     found, work = [], work or Work()
@@ -126,10 +133,21 @@ def reading(
     sizes = [recorded_files.size(path) // 1000 for path in bags]
     with work.stage(READING, sum(sizes)):
         for path, size in zip(bags, sizes):
-            found.append(readers.read(path, mapping))
+            try:
+                runs = [readers.read(path, mapping)]
+            except GroundError as error:
+                if mapping.file:
+                    raise
+                from ground.data import drafted  # the motion decides with it, which takes the checks
+
+                runs = drafted.read(path, mapping, error)
+                place = os.path.join(folder, runs[0].name + DRAFT) if folder else "its `mapping`"
+                warn(DRAFTED % (path, place), GroundNote)
             work.step(size)
-            for warning in found[-1].warnings:
-                warn("%s: %s" % (path, warning), RecordingWarning)
+            found += runs
+            for run in runs:
+                for warning in run.warnings:
+                    warn("%s: %s" % (run.path or path, warning), RecordingWarning)
     yield from distinct(found)
 
 

@@ -2,16 +2,19 @@
 
 import re
 from dataclasses import dataclass, replace
-from typing import Iterator, List, Mapping, Set, Tuple
+from typing import Iterator, List, Mapping, Sequence, Set, Tuple
 
 import numpy as np
 
+from ground.draft.undecided import MARK
 from ground.reading import containers, instants, words
 from ground.reading.containers import Columns
 from ground.reading.mapping import TIMES, Clock
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
+RATES = (2.0, 1000.0)  # of rows, of which one unit of time alone can be [Hz]
+CLEARLY = 0.5  # by which the name of a time is likelier than others
 LONGEST = 20.0  # usual time between rows up to which times may be days [s]
 
 
@@ -37,30 +40,27 @@ def find(
             stamps, known = instants.read(columns, clock, topic, [])
         except GroundError:
             continue
-        comment = ""
+        times, comment = np.where(known, containers.seconds(stamps), np.nan), ""
         try:
             instants.check(columns, clock, stamps, known, topic)
+            doubt = _doubt(columns, clock, fields, times, values, units.get(clock.field, ""))
+            comment = "  # %s%s" % (MARK, doubt) if doubt else ""
         except GroundError as error:
-            comment = "  # " + str(error)
+            comment = "  # %s%s" % (MARK, error)
             if "unpadded" in str(error):
                 unit += ", stamps: unpadded"
                 comment = "  # seconds and nanoseconds were written without leading zeros between them"
             elif "digits" in str(error):
                 lost = "the stamps of %s have lost their last digits" % clock.field
                 continue
-        others = instants.formats(columns, clock, topic) if clock.format else []
-        if len(others) > 1 and not comment:
-            comment = "  # of the formats that fit: %s" % ", ".join(others)
         keys = [("field", clock.field), ("date", clock.date), ("nanoseconds", clock.nanoseconds)]
         named = ", ".join("%s: %s" % (key, quoted(value)) for key, value in keys if value)
         key = "{%s%s}%s" % (named, unit, comment)
-        return TableClock(key, fields, np.where(known, containers.seconds(stamps), np.nan))
+        return TableClock(key, fields, times)
     frames = [n for n in _rising(values) if set(words.split(n)) & words.FRAMES]
     named = "field: %s, " % quoted(frames[0]) if frames else ""
-    key = "{%srate: }  # %s: put in how many rows come per second [Hz]" % (
-        named,
-        lost or "no column is a time",
-    )
+    key = "{%srate: }  # %s%s: put in how many rows come per second [Hz]"
+    key %= named, MARK, lost or "no column is a time"
     return TableClock(key, tuple(frames[:1]), np.arange(len(next(iter(columns.values()))), dtype=float))
 
 
@@ -98,6 +98,30 @@ def _clocks(
         if not set(words.split(name)) & (words.FRAMES | words.MOTION) and not words.axis(name)[0]:
             unit = _time_unit(name, "", numbers[name])
             yield Clock(field=name, unit=unit), ", unit: %s" % unit
+
+
+def _doubt(
+    columns: Columns,
+    clock: Clock,
+    fields: Sequence[str],
+    times: Array,
+    numbers: Mapping[str, Array],
+    said: str,
+) -> str:
+    """Why a clock may be another one; empty where names, units and rate leave no doubt."""
+    formats = instants.formats(columns, clock, clock.field) if clock.format else []
+    if len(formats) > 1:
+        return "of the formats that fit: %s" % ", ".join(formats)
+    worth = _time_worth(clock.field)
+    if worth <= 0:
+        return "it rises, but its name is of no time"
+    rivals = [n for n in _rising(numbers) if n not in fields and _time_worth(n) > max(worth - CLEARLY, 0)]
+    if rivals:
+        return "others that could be it: %s" % ", ".join(rivals)
+    steps = np.diff(times[np.isfinite(times)])
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    is_usual = said or not clock.unit or RATES[0] < 1 / usual < RATES[1]
+    return "" if is_usual else "no unit is given, and %.3g rows come in a second" % (1 / usual)
 
 
 def _is_date(name: str) -> bool:

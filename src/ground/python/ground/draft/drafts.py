@@ -8,13 +8,16 @@ import numpy as np
 
 from ground.draft import clocks, levels, several, sightings
 from ground.draft.several import Seen
+from ground.draft.undecided import MARK
 from ground.reading import containers, pose_columns, rows_apart, units, words
 from ground.reading.containers import RECEIVED, STAMP, TABLE, Columns, Container, Topic
-from ground.reading.mapping import LENGTHS, SCHEMA
+from ground.reading.mapping import ANGLES, FURTHER_LENGTHS, LENGTHS, SCHEMA
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
 MAX_ROWS = 20000  # messages of a topic to look at
+MOST = 0.99  # share of the poses that are upright by the right axes
+NORTH = 0.5  # mean angle between the heading and the course within which a compass's north is 0 [rad]
 MAX_CHANNELS = 9  # that a mapping may have
 UPWARD = {"z": "x, -y, -z", "y": "x, z, -y", "x": "y, -z, -x"}  # axes by the one that points up
 NOT_COMMANDS = set(pose_columns.KINDS) - {"geometry_msgs/Pose", "geometry_msgs/PointStamped"}
@@ -170,7 +173,8 @@ def _axes(position: Array, quaternion: Array) -> str:
     height = float(np.median(position[:, vertical]))
     sign = "positive: up" if height > 0 else "negative: down" if height < 0 else "0: up or down is not known"
     why = "%s moves least, %.0f%% of the poses are upright by it, and it is mostly %s"
-    return 'axes: "%s"  # ' % axes + why % (axes[-1], 100 * share, sign)
+    doubts = MARK + why if share > MOST else "these poses are not upright by any axis, " + MARK + why
+    return 'axes: "%s"  # ' % axes + doubts % (axes[-1], 100 * share, sign)
 
 
 def _pose_order(seen: Seen) -> Tuple[int, float]:
@@ -207,12 +211,13 @@ def _place(candidates: Sequence[Seen], in_folder: bool, is_whole: bool = True) -
     elif in_folder:
         yield "file: %s" % clocks.quoted(seen.topic)
     if len(candidates) > 1:
-        yield "# others: %s" % ", ".join("%s (%s)" % (c.name, c.kind) for c in candidates[1:])
+        others = ", ".join("%s (%s)" % (c.name, c.kind) for c in candidates[1:])
+        yield "# %sothers that could be it: %s" % (MARK, others)
 
 
 def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
     if not candidates:
-        yield "topic: ''  # nothing in the file seems to have poses; name the fields that have them:"
+        yield "topic: ''  # %snothing seems to have poses; name the fields that have them:" % MARK
         yield "# position: {fields: [X, Y], unit: m}"
         yield "# heading: {field: PSI, unit: rad}"
         yield "# (of sine and cosine or a matrix, add a column: psi = atan2(sin, cos) or atan2(r21, r11))"
@@ -222,7 +227,7 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
     if chosen.kind == TABLE and chosen.body:
         yield "body: %s" % clocks.quoted(chosen.body)
     for other in [one for one in chosen.poses[1:] if one.position != pose.position][:3]:
-        yield "# other positions: %s" % ", ".join(other.position + other.rotation)
+        yield "# %sother positions: %s" % (MARK, ", ".join(other.position + other.rotation))
     if len(pose.rotation) == 4:
         yield from _whole_lines(chosen, pose)
     else:
@@ -231,36 +236,40 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
         yield "time: %s" % chosen.clock
 
 
-def _unit_of(seen: Seen, pose: sightings.PoseColumns, times: Array, position: Array) -> Tuple[str, float]:
-    """The unit of a position, and its speed."""
+def _unit_of(seen: Seen, pose: sightings.PoseColumns, times: Array, position: Array) -> Tuple[str, str]:
+    """The unit of a position; why that may be another one, and its speed, with a place for its ranges."""
     likely, fast = units.length_units(times, position)
-    said = seen.units.get(pose.position[0], "")
+    said, evidence = seen.units.get(pose.position[0], ""), "%%s, %.3g a second" % fast
     if pose.kind == "fix":
-        return "deg", fast
-    return (said if said in LENGTHS or said in ("km", "ft") else likely[0] if likely else "m"), fast
+        is_named = words.axis(pose.position[0])[0] in ("lat", "lon")
+        return "deg", ("" if is_named else MARK + "the numbers alone look like degrees, ") + evidence
+    if said in {**LENGTHS, **FURTHER_LENGTHS}:
+        return said, (MARK + "m is fast, " if said == "m" and likely else "") + evidence
+    is_known = seen.kind in pose_columns.KINDS and not likely
+    return likely[0] if likely else "m", ("" if is_known else MARK + "no unit is given, ") + evidence
 
 
-def _position_line(names: str, unit: str, fast: float, pose: sightings.PoseColumns, position: Array) -> str:
+def _position_line(names: str, unit: str, why: str, pose: sightings.PoseColumns, position: Array) -> str:
     ranges = ", ".join(
         "%s %.4g to %.4g" % (path.rsplit(".", 1)[-1], low, high)
         for path, low, high in zip(pose.position, position.min(axis=0), position.max(axis=0))
     )
-    return "position: {%sunit: %s}  # %s, %.3g a second" % (names, unit, ranges, fast)
+    return "position: {%sunit: %s}  # %s" % (names, unit, why % ranges)
 
 
 def _whole_lines(seen: Seen, pose: sightings.PoseColumns) -> Iterator[str]:
     """Keys of a pose with a quaternion."""
     times, position, rotation = seen.rows(pose)
     known = seen.kind in pose_columns.KINDS
-    unit, fast = _unit_of(seen, pose, times, position)
+    unit, why_unit = _unit_of(seen, pose, times, position)
     names = "" if known else "fields: [%s], " % ", ".join(map(clocks.quoted, pose.position))
-    yield _position_line(names, unit, fast, pose, position)
+    yield _position_line(names, unit, why_unit, pose, position)
     if not known:
         yield "orientation: [%s]" % ", ".join(map(clocks.quoted, pose.rotation))
     if position.shape[1] == 3:
         yield _axes(LENGTHS.get(unit, 1.0) * position, rotation)
     else:
-        yield _upward(pose, "# ") + "  # where the other axis points up"
+        yield "%s  # %swhere the other axis points up" % (_upward(pose, "# "), MARK)
 
 
 def _upward(pose: sightings.PoseColumns, mark: str) -> str:
@@ -272,7 +281,8 @@ def _upward(pose: sightings.PoseColumns, mark: str) -> str:
 
 def _flat(pose: sightings.PoseColumns, position: Array) -> Tuple[sightings.PoseColumns, Array, str]:
     """A pose by its two horizontal fields, their values (n, 2), and its frame in a line."""
-    turns = "where headings are counter-clockwise from above"
+    is_named = all("ned" in words.split(path) for path in pose.position)
+    turns = ("" if is_named else MARK) + "where headings are counter-clockwise from above"
     if position.shape[1] == 2:
         return pose, position, "%s  # %s" % (_upward(pose, "# "), turns)
     spread = np.ptp(position, axis=0)  # the vertical one moves least
@@ -283,7 +293,7 @@ def _flat(pose: sightings.PoseColumns, position: Array) -> Tuple[sightings.PoseC
     height, name = float(np.median(position[:, vertical])), pose.position[vertical]
     pose = sightings.PoseColumns(tuple(pose.position[i] for i in flat), pose.rotation, pose.kind)
     if height > 0:
-        line = "%s  # %s moves least and is mostly positive: up" % (_upward(pose, ""), name)
+        line = "%s  # %s%s moves least and is mostly positive: up" % (_upward(pose, ""), MARK, name)
     else:
         line = "%s  # %s, %s is %.3g" % (_upward(pose, "# "), turns, name, height)
     return pose, position[:, flat], line
@@ -293,25 +303,31 @@ def _planar_lines(seen: Seen, pose: sightings.PoseColumns) -> Iterator[str]:
     """Keys of a pose with a heading; the motion decides how the heading counts, where it does."""
     times, position, rotation = seen.rows(pose)
     known = seen.kind in pose_columns.KINDS
-    unit, fast = _unit_of(seen, pose, times, position)
+    unit, why_unit = _unit_of(seen, pose, times, position)
     pose, position, frame = _flat(pose, position)
     (name,), metres = pose.rotation, LENGTHS.get(unit, 1.0) * position
     if unit == "deg":
         metres = position * [1.0, math.cos(math.radians(float(np.mean(position[:, 0]))))]
-    turn_unit, turn = _heading_unit(seen.units.get(name, ""), times, metres, rotation[:, 0])
+    said = "rad" if known else seen.units.get(name, "")
+    turn_unit, turn = _heading_unit(said, times, metres, rotation[:, 0])
     fields, sign, offset, why = pose.position, 1, "", ""
+    if said not in ANGLES and not _wraps(rotation[:, 0], math.tau / ANGLES[turn_unit]):
+        why = ", %sno unit is given" % MARK
     if turn.is_clear and turn.sign < 0:
         sideways = abs(abs(turn.offset) - math.pi / 2) < math.pi / 4
-        sign, why = -1, ", falls where the course rises (agreement %.2f)" % turn.resultant
         if sideways and pose.kind == "xy":  # a compass over east and north
-            fields, sign, why = fields[::-1], 1, ", a compass's, by the course: %s is north" % fields[1]
-            frame = ""
-        elif pose.kind != "xy" and sideways:  # counter-clockwise from east
+            fields, frame = fields[::-1], ""
+            why += ", %sa compass's, by the course: %s is north" % (MARK, fields[0])
+        else:
+            sign = -1
+            why += ", %sfalls where the course rises (agreement %.2f)" % (MARK, turn.resultant)
+        if sideways and pose.kind != "xy":  # counter-clockwise from east
             offset = "heading_offset: %.7f  # it counts from east" % (-math.pi / 2)
     elif pose.kind != "xy":
-        why = ", taken for clockwise from north"
+        is_north = turn.is_clear and abs(turn.offset) < NORTH
+        why += ", %staken for clockwise from north" % ("" if is_north else MARK)
     names = "" if known else "fields: [%s], " % ", ".join(map(clocks.quoted, fields))
-    yield _position_line(names, unit, fast, pose, position)
+    yield _position_line(names, unit, why_unit, pose, position)
     if not known:
         ends = rotation.min(), rotation.max()
         line = "heading: {field: %s, unit: %s, sign: %d}  # %.4g to %.4g"
@@ -337,6 +353,12 @@ def _heading_unit(said: str, times: Array, position: Array, headings: Array) -> 
     return ("deg", turns["deg"]) if degrees else ("rad", turns["rad"])
 
 
+def _wraps(headings: Array, turn: float) -> bool:
+    """Whether headings within a turn step by a turn in their unit, as in no other unit of angles."""
+    steps = np.abs(np.diff(headings))
+    return bool(np.ptp(headings) <= turn and (np.abs(steps - turn) < turn / 6).any())
+
+
 def _free(seen: Seen) -> Dict[str, Array]:
     """All numbers that are neither a time nor the pose."""
     every = {path for pose in seen.poses[:1] for path in pose.position + pose.rotation}
@@ -345,7 +367,7 @@ def _free(seen: Seen) -> Dict[str, Array]:
 
 def _command_lines(candidates: Sequence[Seen], every: Sequence[Seen], in_folder: bool) -> Iterator[str]:
     if not candidates:
-        yield "topic: ''  # nothing in the file seems to have commands; name the fields that have them:"
+        yield "topic: ''  # %snothing seems to have commands; name the fields that have them:" % MARK
         yield "# channels: {left: {field: LEFT}, right: {field: RIGHT}}"
         return
     chosen = candidates[0]
@@ -360,7 +382,7 @@ def _command_lines(candidates: Sequence[Seen], every: Sequence[Seen], in_folder:
         yield "# one for each thruster, by their names: %s" % ", ".join(part.topic for part in parts)
     yield "channels:  # name each as the model names its thruster, or lift"
     for number, (name, place, keys, why) in enumerate(_channels(parts, in_folder)):
-        mark = "# further: " if number >= MAX_CHANNELS else ""
+        mark = "# %sfurther: " % MARK if number >= MAX_CHANNELS else ""
         yield "  %s%s: {%sfield: %s}  # %s" % (mark, name, place, keys, why)
 
 
@@ -371,7 +393,8 @@ def _channels(parts: Sequence[Seen], in_folder: bool) -> Iterator[Tuple[str, str
         names = levels.names(found)
         for path, values in found.items():
             meaning, why = levels.meaning(path, values, parts[0].units.get(path, ""))
-            yield names[path], "", "%s, %s" % (clocks.quoted(path), meaning), why
+            doubt = "" if levels.is_named(names[path], path, found) else MARK + "named by its place, "
+            yield names[path], "", "%s, %s" % (clocks.quoted(path), meaning), doubt + why
         return
     fields = several.fields(parts)
     for part, name in several.names(parts, fields):

@@ -1,10 +1,11 @@
 """Which columns are probably commands, what their values mean, and what their channels are called."""
 
 import re
-from typing import Dict, List, Mapping, Tuple
+from typing import Dict, Iterable, List, Mapping, Tuple
 
 import numpy as np
 
+from ground.draft.undecided import MARK
 from ground.reading import units, words
 from ground.support.annotations import Array
 
@@ -12,6 +13,8 @@ MAX_LEVELS = 40  # levels of a command that switches
 LENGTHS = ("m", "cm", "mm", "km", "in", "ft")
 COUNTER = re.compile(r"(^|\.)(seq|secs|nsecs)$")
 NEUTRAL = (1450.0, 1550.0)  # pulses at which servos and controllers of reversible motors rest [us]
+LEAST_PULSE, MOST_PULSE = 1010.0, 1990.0  # pulses that reach off and full [us]
+REACHED = 0.99  # largest command of a unit that it is sure to have [full thrust]
 STEPS = (255.0, 1023.0, 4095.0, 32767.0, 65535.0)  # largest values of whole numbers of a few bits
 
 
@@ -85,20 +88,21 @@ def meaning(path: str, values: Array, said: str) -> Tuple[str, str]:
         if rest:
             most = max(high - rest, rest - low)
             keys = "off: %g, full: %g, range: [-1, 1]" % (rest, rest + most)
-            return keys, why + ", and %g is its rest" % rest
-        return "unit: microseconds", why
+            return keys, MARK + why + ", and %g is its rest" % rest
+        return "unit: microseconds", ("" if low <= LEAST_PULSE and high >= MOST_PULSE else MARK) + why
     turned = _direction(path, most, said)
     if turned[0]:
-        return turned[0], why + turned[1]
+        return turned[0], MARK + why + turned[1]
     if said in ("rad", "deg"):
         keys = "off: 0, full: %s%s" % (_above(most), both)
-        return keys, why + ", an angle in %s: full is its largest" % said
+        return keys, MARK + why + ", an angle in %s: full is its largest" % said
     if said == "%" or unit == "percent":
-        return "unit: percent" + both, why
+        return "unit: percent" + both, ("" if said == "%" or most >= 100 * REACHED else MARK) + why
     if unit == "normalised" and said != "rpm":
-        return "unit: normalised" + both, why
+        return "unit: normalised" + both, ("" if most >= REACHED and not said else MARK) + why
     top = next((step for step in STEPS if most == step), most)
-    return "off: 0, full: %s%s" % (_above(top), both), why + (", full is its largest" if top == most else "")
+    keys = "off: 0, full: %s%s" % (_above(top), both)
+    return keys, MARK + why + (", full is its largest" if top == most else "")
 
 
 def reach(values: Array) -> str:
@@ -159,6 +163,15 @@ def names(found: Mapping[str, Array]) -> Dict[str, str]:
             if not sided:
                 called.update(zip([path for path in found if path != lift], ("left", "right")))
     return _distinct(called)
+
+
+def is_named(name: str, path: str, others: Iterable[str]) -> bool:
+    """Whether a word of a field, and of no other one, says that its channel is left, right or lift; of other
+    channels, whether the name is the field's."""
+    known = {"left": words.LEFT, "right": words.RIGHT, "lift": words.LIFT}.get(name)
+    if known is None:
+        return name == plain(path)
+    return [other for other in others if known & set(words.split(other))] == [path]
 
 
 def plain(path: str) -> str:

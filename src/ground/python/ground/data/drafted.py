@@ -1,0 +1,71 @@
+"""Recordings without a mapping: read by a draft, where the file and the motion leave no doubt about it."""
+
+import os
+import tempfile
+from dataclasses import replace
+from typing import List
+
+from ground.checks import layouts, suspicions
+from ground.draft import drafts, undecided
+from ground.reading import readers, recorded_files
+from ground.reading.mapping import FieldMapping, load
+from ground.reading.recording import Recording
+from ground.support import files
+from ground.support.errors import GroundError
+
+DRAFTS = "--write-mapping"  # in errors that a mapping mends
+MAX_NAMED = 3  # lines to decide that an error has; the rest is counted
+
+
+def read(path: str, given: FieldMapping, why: GroundError) -> List[Recording]:
+    """The recordings at a path, each with the drafted `mapping` that it was read by.
+
+    given: what options say; why: the error of reading it without a mapping. GroundError `why`, with the lines
+    to decide, where the draft has something that neither the file nor the motion decides.
+    """
+    options = FieldMapping(noise=given.noise, frame_rate=given.frame_rate, types=given.types)
+    if DRAFTS not in str(why) or given != options or recorded_files.to_draft(path) != path:
+        raise why
+    try:
+        with readers.opened(path, given.types) as source:
+            text = drafts.draft(source, os.path.isdir(path), [os.path.abspath(one) for one in given.types])
+    except GroundError:
+        raise why
+    left = undecided.lines(text)
+    tried = [_read(path, way, options) for way in undecided.either_way_up(text)]
+    found = [runs for runs in tried if runs and all(_fits(run, is_complete=not left) for run in runs)]
+    if len(found) == 1:
+        return found[0]
+    left = left or [one.sentence for runs in tried for run in runs for one in _misread(run)]
+    if not left:
+        raise why
+    more = " | and %d more" % (len(left) - MAX_NAMED) if len(left) > MAX_NAMED else ""
+    raise GroundError("%s; to decide in it: %s%s" % (why, " | ".join(left[:MAX_NAMED]), more))
+
+
+def _read(path: str, text: str, options: FieldMapping) -> List[Recording]:
+    """The recordings at a path by the text of a mapping; none where they cannot be read so."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = os.path.join(folder, "drafted.yaml")
+        files.write_text(file, text)
+        try:
+            mapping = load(file).with_options(noise=options.noise, frame_rate=options.frame_rate)
+            mapping = replace(mapping, file="drafted", sources=dict.fromkeys(mapping.sources, "drafted"))
+            runs = [readers.read(one, mapping) for one in recorded_files.listed([path], mapping)]
+        except GroundError:
+            return []
+    return [replace(run, mapping=text) for run in runs]
+
+
+def _misread(run: Recording) -> List[suspicions.Suspicion]:
+    """What the motion says against the channels and the frame of a run."""
+    return [one for one in suspicions.about([run], None) if one.kind in layouts.GRAVEST]
+
+
+def _fits(run: Recording, is_complete: bool) -> bool:
+    """Whether the motion does not refute a run's channels and frame; where the draft is not complete, whether
+    it refutes every other way to read them."""
+    thrusters = suspicions.judged_by([run], None)
+    verdict = suspicions.alone(run, thrusters) if thrusters else None
+    is_decided = verdict is not None and verdict.is_as_recorded and not verdict.undecided
+    return not _misread(run) and (is_complete or is_decided)

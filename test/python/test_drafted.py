@@ -1,0 +1,111 @@
+"""Recordings without a mapping are read by a draft if nothing of it is left to decide, and else refused."""
+
+import re
+
+import numpy as np
+import pytest
+
+import ground
+from conftest import MODEL, identify
+from test_any_table import Run, numbers, plain, same, written
+
+NAMES = "t [s]|x [m]|y [m]|psi [rad]|left|right|lift"
+
+
+@pytest.fixture(scope="module")
+def run():
+    return Run(duration=12.0)
+
+
+def told(run, names=NAMES, **changed):
+    """The columns of a table whose names say their units."""
+    return dict(zip(names.split("|"), plain(run, **changed).values()))
+
+
+def read_again(path, found, folder):
+    """The Recording of the same file by the mapping that was drafted."""
+    mapping = folder / "again.yaml"
+    mapping.write_text(found.mapping)
+    (again,) = ground.read(path, mapping=mapping)
+    return again
+
+
+def identical(one, other):
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("eta", "pose_times", "controls", "control_times")
+    )
+
+
+def refusal(path):
+    with pytest.raises(ground.GroundError) as error:
+        ground.read(path)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("up", [False, True])
+def test_a_table_that_says_its_units_is_read_by_its_draft(run, tmp_path, up):
+    """Which way is up, left and right say, as they turn the craft."""
+    sign = -1 if up else 1
+    path = written(tmp_path, told(run, y=sign * run.y, psi=sign * run.psi))
+    with pytest.warns(ground.GroundWarning, match="no mapping is given; the draft leaves nothing to decide"):
+        (found,) = ground.read(path)
+    same(found, run)
+    assert ('axes: "x, -y, -z"' if up else 'axes: "x, y, z"') in found.mapping
+    assert "undecided" not in found.mapping
+    assert identical(found, read_again(path, found, tmp_path))
+
+
+@pytest.mark.parametrize(
+    "line, names, changed",
+    [
+        ("position: .*undecided: no unit is given", NAMES.replace("x [m]|y [m]", "x|y"), {}),
+        ("heading: .*undecided: no unit is given", NAMES.replace("psi [rad]", "psi"), {"psi": 0.1}),
+        ("left: .*undecided: 0 to 0.5", NAMES, {"left": 0.5}),
+        ("axes: .*undecided", NAMES, {"left": 0.0}),
+    ],
+)
+def test_what_the_file_leaves_open_is_refused_with_the_line_to_decide(run, tmp_path, line, names, changed):
+    columns = {name: factor * getattr(run, name) for name, factor in changed.items()}
+    text = refusal(written(tmp_path, told(run, names, **columns)))
+    assert "--write-mapping M.yaml drafts a mapping" in text
+    assert re.search("to decide in it: .*" + line, text), text
+
+
+@pytest.mark.parametrize("further", ["clock", "mocap_x [m]"])
+def test_two_candidates_are_refused(run, tmp_path, further):
+    columns = told(run)
+    if further == "clock":
+        columns["time [s]"] = numbers(run.times + 0.3)
+    else:
+        columns.update({"mocap_x [m]": run.x + 1, "mocap_y [m]": run.y, "mocap_yaw [rad]": run.psi})
+    assert "undecided: other" in refusal(written(tmp_path, columns))
+
+
+def test_names_that_the_motion_refutes_are_refused(run, tmp_path):
+    names = NAMES.replace("x [m]|y [m]", "x_ned [m]|y_ned [m]")
+    sound = ground.read(written(tmp_path, told(run, names), name="sound.csv"))
+    assert len(sound) == 1
+    swapped = told(run, names, left=run.right, right=run.left)
+    assert "swapped" in refusal(written(tmp_path, swapped))
+
+
+def test_a_mapping_that_is_given_is_not_drafted(run, tmp_path):
+    path = written(tmp_path, told(run))
+    given = tmp_path / "given.yaml"
+    given.write_text("schema: ground/mapping/1\n")
+    with pytest.raises(ground.GroundError, match="given.yaml does not say which column is the time"):
+        ground.read(path, mapping=given)
+
+
+def test_verbs_store_the_mapping_beside_their_result(run, tmp_path):
+    path = written(tmp_path, told(run))
+    shown = identify("info", path)
+    assert "no mapping is given" in shown.stderr and "  | schema: ground/mapping/1" in shown.stdout
+    folder = tmp_path / "compared"
+    result = identify("compare", path, "--model", MODEL, "-o", folder, "--numbers")
+    stored = folder / "log.mapping.yaml"
+    assert result.returncode == 0 and "see %s" % stored in result.stderr
+    (found,) = ground.read(path)
+    (again,) = ground.read(path, mapping=stored)
+    assert identical(found, again) and stored.read_text() == found.mapping
