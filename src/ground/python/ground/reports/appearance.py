@@ -5,6 +5,7 @@ from typing import List, Tuple
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench
+from ground.analysis.horizon import PoseError
 from ground.reading.recording import unit
 from ground.reports.words import number, off
 from ground.support.annotations import Document
@@ -87,4 +88,6 @@ def numbers_row(label: str, role: str, numbers: Document) -> List[str]:
 def off_after(numbers: Document) -> str:
     """Horizon and error of a prediction over two thirds of a window; "-" where no run is that long."""
     after = numbers["horizons"][comparison.HORIZONS.index(1.0)]
-    return "%g s: %s" % (after["seconds"], off(after)) if after["starts"] else "-"
+    if not after["starts"]:
+        return "-"
+    return "%g s: %s" % (after["seconds"], off(PoseError(after["position_mm"], after["heading_deg"])))

@@ -10,6 +10,7 @@ import numpy as np
 
 from ground.analysis import bands as bands_of
 from ground.analysis import residuals
+from ground.analysis.horizon import PredictionError
 from ground.reports.appearance import CHANNELS, FLOOR, MEASURED, MODELS, model_color, model_line, wrapped
 from ground.reports.figure_parts import (
     X_AXIS,
@@ -36,22 +37,22 @@ LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 
 
 def predictions(
-    found: Document, shown: Sequence[Tuple[str, str]], title: str, fitted: Sequence[str] = ()
+    found: PredictionError, shown: Sequence[Tuple[str, str]], title: str, fitted: Sequence[str] = ()
 ) -> Document:
     """Bars of how far predicted poses are off, and what the mocap alone leaves.
 
-    found: horizon.PredictionError as a dictionary; shown: names and labels of its models, from the top;
-    fitted: labels of those that were fitted to these data.
+    shown: names and labels of its models, from the top; fitted: labels of those that were fitted to these
+    data.
     """
     labels = [wrapped(label, LABEL_WIDTH) for _, label in shown]
     figure = Panels(2, 1, gaps=(0.0, 0.3))
     for row, (key, unit) in enumerate((("position_mm", "mm"), ("heading_deg", "deg")), 1):
-        values = [found["errors"][name][key] for name, _ in shown]
-        known = [v for v in values if v is not None and np.isfinite(v)]
-        floor, most = found["mocap"][key] or 0.0, max(known, default=1.0)
+        values = [getattr(found.errors[name], key) for name, _ in shown]
+        known = [v for v in values if np.isfinite(v)]
+        floor, most = getattr(found.mocap, key), max(known, default=1.0)
         bar = {
             "type": "bar",
-            "x": short([min(v, most) if v is not None else most for v in values]),
+            "x": short([min(v, most) for v in values]),
             "y": labels,
             "orientation": "h",
             "text": ["%s %s" % (two_digits(v), unit) if v in known else "not finite" for v in values],

@@ -168,7 +168,7 @@ def _of_comparison(result: Comparison) -> Makers:
 @_makers.register(Diagnosis)
 def _of_diagnosis(result: Diagnosis) -> Makers:
     drawn = result.drawn
-    made = _errors(diagnosing_page.predictions(result.report))
+    made = _errors(diagnosing_page.predictions(result.contents))
     if drawn is not None:
         for number, run in enumerate([*drawn.runs, *drawn.held]):
             inspected = functools.lru_cache(maxsize=None)(functools.partial(_inspected, drawn, number))
