@@ -111,7 +111,7 @@ def _answer(found):
         "where": list(last.conclusion.ceiling.arguments),
         "proposed": [c.name for c in found.analyst.own],
         "formulas": found.analyst.formulas,
-        "varies": [v["parameter"] for v in last.conclusion.varies],
+        "varies": [v.parameter for v in last.conclusion.varies],
         "heldout": [float(error) for error in last.conclusion.heldout],
     }
 

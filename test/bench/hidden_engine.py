@@ -71,7 +71,7 @@ def _answer(found, conclusion):
             }
             for p in conclusion.after.parameters
         ],
-        "varies": [v["parameter"] for v in conclusion.varies],
+        "varies": [v.parameter for v in conclusion.varies],
         "memory": conclusion.verdict == "memory",
         "where": list(conclusion.ceiling.arguments),
         "ceiling": _ceiling(found, conclusion),

@@ -14,6 +14,8 @@ from conftest import MODEL, identify, json_of, schema, slow, succeeds, with_effe
 from ground import _core
 from ground.diagnosing import answer, next_experiment
 from ground.diagnosing import diagnose as verb
+from ground.diagnosing.report import DiagnosisReport
+from ground.support import records
 from ground.support.errors import GroundError
 
 WASHBOARD = """
@@ -28,6 +30,11 @@ def bags_of(folder, truth, seeds=(1, 40), **options):
     return [
         write_bag(folder / ("run%d.bag" % s), seed=s, model=truth, nu=(0.3, 0.1, 1), **options) for s in seeds
     ]
+
+
+def title(printed):
+    """The answer of a diagnosis that was printed, in a sentence."""
+    return answer.title(records.read(DiagnosisReport, printed, "printed"))
 
 
 def reported(*arguments):
@@ -256,11 +263,11 @@ def test_runs_that_are_held_out_judge_and_do_not_choose(tmp_path, lagging, unpla
     assert found["tested"]["dropped"] == found["alone"]["dropped"]
     errors = [found["tested"][kind]["error"]["heldout"] for kind in ("nominal", "improved")]
     assert errors[0] < errors[1]
-    said = answer.title(found["tested"])
+    said, alone = (title(found[name]) for name in ("tested", "alone"))
     assert "motor_lag" in said.split("Contradicted")[0]
     shown = html.unescape((tmp_path / "tested" / "report.html").read_text())
     assert said.partition(": ")[2].partition(". ")[0] in " ".join(shown.split())
-    assert "Contradicted" not in answer.title(found["alone"])
+    assert "Contradicted" not in alone
 
 
 @pytest.mark.parametrize(

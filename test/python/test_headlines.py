@@ -10,6 +10,8 @@ import pytest
 import ground
 from conftest import MODEL, identify, succeeds, with_effect, write_bag
 from ground.diagnosing import answer
+from ground.diagnosing.report import DiagnosisReport
+from ground.support import records
 from ground.support.headline import formatted
 
 ERROR = r"(\d+(\.\d+)? (mm|m), \d+(\.\d+)? deg|not finite)"
@@ -91,6 +93,16 @@ def changed(report, verdict, **changes):
     return other
 
 
+def typed(report):
+    """The report of a diagnosis.json."""
+    return records.read(DiagnosisReport, report, "diagnosis.json")
+
+
+def lines_of(report, folder=""):
+    """The first lines of a diagnosis.json."""
+    return answer.lines(typed(report), folder)
+
+
 OPEN = {
     "terms": ["c1"],
     "named_as": "a yaw moment of 2 mN m that depends on the heading",
@@ -98,22 +110,35 @@ OPEN = {
 }
 
 
+EXPERIMENT = {
+    "separates": ["motor_lag", "input_delay"], "input": "prbs", "arguments": "", "launch": "", "room": "",
+    "repeat": 1, "expected_disagreement": 9.0,
+}  # fmt: skip
+PROPOSAL = {
+    "name": "p",
+    "expression": {},
+    "parameters": {},
+    "means": "",
+    "error": {"fit": 0.1, "heldout": 0.1, "by": "cross-validation"},
+}
+
+
 def test_an_effect_that_single_runs_deny_is_not_certain(report):
     """Its interval, widened by what runs differ by, contains nothing at all."""
     found, tau = copy.deepcopy(report), report["improved"]["parameters"]["motor_lag.tau"]
-    assert "ertain." in answer.lines(found)[0][1]
+    assert "ertain." in lines_of(found)[0][1]
     wide = dict(tau, ci95=[0.0, 2 * tau["value"]], runs=[0.0, 2 * tau["value"]])
     found["improved"]["parameters"]["motor_lag.tau"] = wide
-    assert "single runs do not agree" in answer.lines(found)[0][1]
-    assert "ertain." not in answer.lines(found)[0][1]
+    assert "single runs do not agree" in lines_of(found)[0][1]
+    assert "ertain." not in lines_of(found)[0][1]
 
 
 def test_runs_that_do_not_tell_effects_apart_name_the_experiment(report):
     found = copy.deepcopy(report)
     found["steps"][0]["group"] = ["motor_lag", "input_delay"]
     launch = "roslaunch ground room_prbs.launch design:=prbs"
-    found["next_experiment"] = {"separates": ["motor_lag", "input_delay"], "launch": launch}
-    lines = dict(line for line in answer.lines(found) if line[0])
+    found["next_experiment"] = dict(EXPERIMENT, launch=launch)
+    lines = dict(line for line in lines_of(found) if line[0])
     assert "do not distinguish it from" in lines["Missing"] and lines["Next"].splitlines()[-1] == launch
 
 
@@ -124,8 +149,8 @@ def test_what_was_not_tried_is_not_called_unknown_to_the_library(report, verdict
     found = changed(report, verdict, next_experiment=None, ceiling=OPEN, agreement={"holds": False})
     found["improved"]["error"]["heldout"] = 10 * found["noise_floor"]
     found["selection"] = "only wind"
-    lines = dict(line for line in answer.lines(found, folder) if line[0])
-    text = "\n".join(formatted(answer.lines(found, folder)))
+    lines = dict(line for line in lines_of(found, folder) if line[0])
+    text = "\n".join(formatted(lines_of(found, folder)))
     assert "not in the library" not in text
     assert "diagnose" in lines["Next"] and "only" not in lines["Next"]
     if verdict in ("unexplained", "memory"):
@@ -152,11 +177,11 @@ def test_results_in_python_name_functions_of_python(bags, report, unexplained):
     group = copy.deepcopy(report)
     group["steps"][0]["group"] = ["motor_lag", "input_delay"]
     flies = {"launch": "rosrun ground identify simulate", "call": "ground.simulate(CRAFT)"}
-    group["next_experiment"] = {"separates": ["motor_lag", "input_delay"], **flies}
+    group["next_experiment"] = {**EXPERIMENT, **flies}
     for verdict in ("misread", "unexplained", "memory", "undecided", "varies", "complete"):
-        other = changed(report, verdict, next_experiment=None, unexplained={"proposal": {"name": "p"}})
-        texts[verdict] = "\n".join(formatted(answer.lines(other)))
-    texts["group"] = "\n".join(formatted(answer.lines(group)))
+        other = changed(report, verdict, next_experiment=None, unexplained={"proposal": PROPOSAL})
+        texts[verdict] = "\n".join(formatted(lines_of(other)))
+    texts["group"] = "\n".join(formatted(lines_of(group)))
     for name, text in texts.items():
         assert not re.search(SHELL, text), (name, re.search(SHELL, text), text)
         for function in re.findall(CALL, text):

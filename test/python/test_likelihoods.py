@@ -19,7 +19,7 @@ from ground.analysis import (
     window_error,
     windows,
 )
-from ground.diagnosing import words
+from ground.diagnosing import reporting, words
 from ground.effect_library import candidates
 from ground.poses import repair
 from ground.support.errors import Diverged, GroundError, core_error
@@ -249,7 +249,8 @@ def test_an_interval_contains_what_runs_differ_by():
     low, high = tau["ci95"]
     assert low < 0.08 and high > 0.13 and high - low > 2 * np.ptp(before["motor_lag.tau"]["ci95"])
     assert "runs" not in found["k"] and np.ptp(found["k"]["ci95"]) >= np.ptp(before["k"]["ci95"])
-    assert "; runs differ: " in words.parameter("tau", tau)
+    (reported,) = reporting.parameters([tau]).values()
+    assert "; runs differ: " in words.parameter("tau", reported)
 
 
 def test_runs_that_do_not_tell_a_parameter_do_not_hide_that_others_differ():

@@ -189,7 +189,7 @@ def cases():
 
 def shares(found):
     """Coverage by horizon and channel."""
-    return {(row["horizon"], row["channel"]): row["coverage"] for row in bands.coverage(found)}
+    return {(row.horizon, row.channel): row.coverage for row in bands.coverage(found)}
 
 
 def of_folds(case):

@@ -8,7 +8,6 @@ import pytest
 import ground
 from conftest import MODEL, slow
 from ground import _core
-from ground.diagnosing import words
 
 KNOWN = {"hull_lift.yv": 0.3, "hull_lift.yr": 0.3, "hull_lift.nv": 0.3, "hull_lift.nr": 0.3}  # shares
 SEEDS = range(12 if os.environ.get("SLOW") else 4)
@@ -139,4 +138,3 @@ def test_an_inertia_that_runs_do_not_bound_has_no_upper_end():
         ends.append(ground.fit(boat(), straight, free=["I_z", "k"]).parameters["I_z"].ci95[1])
     assert np.inf in ends
     assert all(end == np.inf or end < 1e4 * boat()["I_z"] for end in ends), ends
-    assert words.interval({"ci95": [1.0, None]}) == (1.0, np.inf)  # None: as JSON has it

@@ -58,7 +58,7 @@ def test_a_delay_and_a_lag_are_found_together():
 def test_a_trim_that_differs_between_runs_is_reported_and_an_effect_beside_it_found():
     case, found, conclusion = diagnosed("trim_single", 7)
     assert names(found) == case.hidden
-    assert "yaw moment" in [v["parameter"] for v in conclusion.varies]
+    assert "yaw moment" in [v.parameter for v in conclusion.varies]
 
 
 @slow
@@ -96,7 +96,7 @@ def test_differences_between_runs_are_distinguished_from_a_slow_disturbance(kind
 def test_a_force_that_all_runs_have_does_not_differ_between_them():
     case, found, conclusion = diagnosed("triples", 8)
     assert "yaw_bias" in case.hidden and "yaw_bias" in names(found)
-    assert not any(v["parameter"] == "yaw moment" for v in conclusion.varies)
+    assert not any(v.parameter == "yaw moment" for v in conclusion.varies)
 
 
 @slow

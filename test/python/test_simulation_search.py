@@ -10,9 +10,10 @@ from conftest import MODEL, schema, slow
 from ground.analysis import diagnosis, judge
 from ground.analysis.verdict import conclude
 from ground.data.measured import measured
-from ground.diagnosing import answer, document
+from ground.diagnosing import answer, reporting
 from ground.effect_library import candidates
 from ground.fitting.fit import FitOptions
+from ground.support import records
 from ground.support.files import plain
 from ground.support.progress import Work
 from test_hulls import boat, recorded
@@ -69,8 +70,9 @@ def test_an_effect_that_the_likelihood_refused_and_it_finds_is_not_refused():
 
 def test_a_diagnosis_by_it_has_its_model_errors_and_words(found):
     conclusion = conclude(found)
-    report = document.begun(found, conclusion, "boat")
-    report = plain(document.completed(report, found, conclusion))
+    contents = reporting.begun(found, conclusion, "boat")
+    contents, _ = reporting.completed(contents, found, conclusion)
+    report = plain(records.plain(contents))
     schema("diagnosis").validate(report)
     assert report["verdict"] == "missing" and report["improved"]["by"] == "simulation"
     assert report["improved"]["effects"] == ["hull_lift"]
@@ -80,7 +82,7 @@ def test_a_diagnosis_by_it_has_its_model_errors_and_words(found):
     values = {name: p["value"] for name, p in report["improved"]["parameters"].items()}
     # all masses of this model are fitted, so that only ratios to them are known
     assert values["hull_lift.yv"] / values["k"] == pytest.approx(LIFT["yv"] / 35, rel=0.1)
-    assert any("by simulation error" in line for _, line in answer.lines(report))
+    assert any("by simulation error" in line for _, line in answer.lines(contents))
     assert np.all([0.7 < row["coverage"] <= 1 for row in report["bands"]])
 
 

@@ -9,7 +9,8 @@ in a hundred times; less often because the model is fitted to them.
 
 import contextlib
 import itertools
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from ground.analysis.window_error import squared_errors
 from ground.poses import scatter
 from ground.support.annotations import Array, Each, Flags, Random
 from ground.support.errors import Diverged
+from ground.support.records import NULL
 
 ALIKE = 0.9  # least correlation of commands that count as the same: edges are some milliseconds apart
 FINEST = 10.0  # periods of the highest frequency in a horizon: faster pushes hardly move a craft in it
@@ -36,8 +38,8 @@ class Common:
 
     pairs: int
     share: float
-    low: float  # 95% interval
-    high: float
+    low: float = field(metadata={NULL: -math.inf})  # 95% interval
+    high: float = field(metadata={NULL: math.inf})
     stands_out: bool  # whether it is why the recordings do not agree
 
 

@@ -22,7 +22,7 @@ from ground.analysis.folds import Folds
 from ground.analysis.likelihood import CAP, LikelihoodFit, call
 from ground.poses import angles, repair
 from ground.reading.recording import POSE, VELOCITY
-from ground.support.annotations import Array, Document, Each, Flags
+from ground.support.annotations import Array, Each, Flags
 from ground.support.errors import Diverged
 
 _Task = Tuple[int, LikelihoodFit, Sequence[_core.Window], Sequence[float]]
@@ -181,17 +181,24 @@ def _smoothed_noise(run: _core.RunData) -> Array:
     return np.asarray(np.std(with_it - without, axis=0))
 
 
-def coverage(bands: Sequence[Bands]) -> List[Document]:
-    """Share of the measurements that the Bands of runs hold.
+@dataclass(frozen=True)
+class Coverage:
+    """Share of the measurements of a channel that bands hold at a horizon."""
 
-    Returns a list of dictionaries, one for each horizon and channel: horizon [s], channel, coverage,
-    predictions (their number). Horizons that no run reaches are left out.
-    """
+    horizon: float  # [s]
+    channel: str
+    coverage: float
+    predictions: int  # number of them
+
+
+def coverage(bands: Sequence[Bands]) -> List[Coverage]:
+    """The Coverage of the Bands of runs for each horizon and channel. Horizons that no run reaches are left
+    out."""
     rows = []
     for horizon in [part * bands[0].unit for part in HORIZONS] if bands else []:
         held = np.vstack([b.at(horizon) for b in bands])
         rows += [
-            {"horizon": horizon, "channel": channel, "coverage": share, "predictions": len(held)}
+            Coverage(horizon, channel, share, len(held))
             for channel, share in zip((*POSE, *VELOCITY), held.mean(axis=0).tolist() if len(held) else ())
         ]
     return rows

@@ -2,7 +2,8 @@
 person sees it."""
 
 import contextlib
-from dataclasses import asdict, dataclass
+import math
+from dataclasses import asdict, dataclass, field
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -13,10 +14,12 @@ from ground.analysis.likelihood import call
 from ground.poses import angles
 from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import Diverged, GroundError
+from ground.support.records import NULL
 
 MIN_POSES = 10  # intervals between poses in the shortest horizon
 WARM_UP = 0.5  # time before a start that its initial velocities are fitted to [horizons]
 
+INFINITE = {NULL: math.inf}
 ModelsAt = Callable[[Sequence[_core.Window]], Sequence[_core.Model]]  # a model for each of some windows
 
 
@@ -159,8 +162,8 @@ class PoseError:
     """How far predicted poses are off: root mean square over starts. Infinite where a motion is not
     finite."""
 
-    position_mm: float
-    heading_deg: float
+    position_mm: float = field(metadata=INFINITE)
+    heading_deg: float = field(metadata=INFINITE)
 
     @classmethod
     def of(cls, errors: Array) -> "PoseError":
@@ -244,9 +247,11 @@ class PredictionChange:
     """Distance between the poses that two models predict at a horizon, rms over starts."""
 
     seconds: float  # the horizon
-    position_mm: float
-    heading_deg: float
-    relative: float  # to the noise of a pose: of position or heading, the larger one
+    position_mm: float = field(metadata=INFINITE)
+    heading_deg: float = field(metadata=INFINITE)
+    relative: float = field(
+        metadata=INFINITE
+    )  # to the noise of a pose: of position or heading, the larger one
 
 
 def change(

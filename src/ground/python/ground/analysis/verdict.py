@@ -24,6 +24,18 @@ SMALL = 0.35
 
 
 @dataclass(frozen=True)
+class Varying:
+    """What differs between runs."""
+
+    parameter: str  # in words
+    unit: str
+    deviation: float  # standard deviation between runs
+    p: float  # probability of as much difference by chance
+    p_corrected: float  # for the number of differences tried
+    by_run: List[float]
+
+
+@dataclass(frozen=True)
 class Conclusion:
     """What a diagnosis concludes. Where something is missing, a fit by simulation error may predict better
     than one by likelihood."""
@@ -38,7 +50,7 @@ class Conclusion:
     # without any
     holdout: Mapping[str, Optional[judge.PairedComparison]]
     heldout_floor: float  # noise floor of the runs on which steps are measured
-    varies: List[Document]  # what differs between runs
+    varies: List[Varying]
     ceiling: Ceiling
     agreement: Agreement
     formula: Optional[naming.Formula]  # for what is learnable and has no name
@@ -263,17 +275,17 @@ def _holdout(
     return {name: found.compared(grown, rest) for name, rest in rests.items()}
 
 
-def _varies(found: StepwiseDiagnosis) -> List[Document]:
+def _varies(found: StepwiseDiagnosis) -> List[Varying]:
     """Differences between runs, as fitted with the grown model."""
     return [
-        {
-            "parameter": kind.parameter,
-            "unit": kind.unit,
-            "deviation": float(np.std(sizes, ddof=1)),
-            "p": found.differences[kind] / len(KINDS),
-            "p_corrected": found.differences[kind],
-            "by_run": sizes.tolist(),
-        }
+        Varying(
+            kind.parameter,
+            kind.unit,
+            float(np.std(sizes, ddof=1)),
+            found.differences[kind] / len(KINDS),
+            found.differences[kind],
+            sizes.tolist(),
+        )
         for kind, sizes in zip(KINDS, found.fit.of_runs().T)
         if kind in found.differences
     ]
@@ -323,7 +335,7 @@ def _name(
 def _verdict(
     found: StepwiseDiagnosis,
     explained: bool,
-    varies: Sequence[Document],
+    varies: Sequence[Varying],
     left: Ceiling,
     agrees: Agreement,
 ) -> str:

@@ -2,9 +2,11 @@
 
 from typing import Optional, Sequence
 
+from ground.analysis.horizon import PredictionError
 from ground.comparing import words
 from ground.reports import appearance, figures, page, studies
 from ground.reports.words import off
+from ground.support import records
 from ground.support.annotations import Document
 
 
@@ -45,10 +47,10 @@ def write(
 
 def predictions(result: Document) -> Optional[Document]:
     """Bars of how far predicted poses are off, the best model last; None where runs are too short."""
-    found = result["prediction"]
-    if found is None:
+    if result["prediction"] is None:
         return None
+    found = records.read(PredictionError, result["prediction"], "prediction")
     labels = list(reversed(result["ranking"]["errors"]))
-    told = off(found["errors"][labels[-1]]), labels[-1], off(found["mocap"])
+    told = off(found.errors[labels[-1]]), labels[-1], off(found.mocap)
     title = "Predictions are off by %s with %s; the mocap alone leaves %s" % told
     return figures.predictions(found, list(zip(labels, labels)), title, result["ranking"]["fitted"])

@@ -125,12 +125,11 @@ class Prediction(Shown, Plotted):
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: how far it is off at the horizon, and what the mocap leaves."""
-        found, noise = ({"position_mm": mm, "heading_deg": deg} for mm, deg in (
-            (self.position_mm, self.heading_deg), (self.noise_mm, self.noise_deg)
-        ))  # fmt: skip
+        noise = horizons.PoseError(self.noise_mm, self.noise_deg)
+        found = horizons.PoseError(self.position_mm, self.heading_deg)
         told = "%s (the mocap alone: %s)" % (off(found), off(noise))
         what = "%s by %s, from %d starts" % (self.name, self.model.label, self.starts)
-        lines = [("Predicted", what), (after({"seconds": self.horizon}), told)]
+        lines = [("Predicted", what), (after(self.horizon), told)]
         if self.held is not None and self.band is not None:
             shares = ", ".join("%.0f%% of %s" % (100 * part, name) for part, name in zip(self.held, POSE))
             lines.append(("Band of %.0f%%" % (100 * self.band), "holds " + shares))

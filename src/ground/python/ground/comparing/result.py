@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 
 import numpy as np
 
-from ground.analysis.horizon import PoseError, PredictionError, as_document
+from ground.analysis.horizon import PredictionError, as_document
 from ground.checks import findings
 from ground.checks.quality import repaired
 from ground.comparing import words
@@ -14,7 +14,7 @@ from ground.models import Model
 from ground.reading.recording import VELOCITY, Recording
 from ground.reports import appearance, matlab, result_folder
 from ground.reports.words import number
-from ground.support import files
+from ground.support import files, records
 from ground.support.annotations import Document, Path
 from ground.support.errors import GroundError
 from ground.support.headline import Line
@@ -202,7 +202,8 @@ class Comparison(_Frame, Plotted):
         }
         runs = [_run_of(run) for run in document["runs"]]
         ranking = Ranking(**document["ranking"])
-        off = _prediction_of(document["prediction"])
+        found = document["prediction"]
+        off = found and records.read(PredictionError, found, "prediction")
         return cls(models, runs, document["pooled"], ranking, document["noise_floor"], off)
 
     def to_mat(self, path: Path, force: bool = False) -> None:
@@ -269,19 +270,6 @@ class _Wrench:
     """The numbers of a missing wrench."""
 
     numbers: Document
-
-
-def _prediction_of(document: Optional[Document]) -> Optional[PredictionError]:
-    """A PredictionError of compare.json, where null is what is not finite."""
-
-    def error(found: Document) -> PoseError:
-        return PoseError(**{k: np.inf if value is None else value for k, value in found.items()})
-
-    if document is None:
-        return None
-    errors = {label: error(found) for label, found in document["errors"].items()}
-    disturbed = document["disturbed"] and error(document["disturbed"])
-    return PredictionError(document["seconds"], errors, error(document["mocap"]), disturbed)
 
 
 def _run_of(document: Document) -> RunComparison:

@@ -1,9 +1,11 @@
 """The first lines of a comparison: which model predicts best, by how much, and what to do next."""
 
-from typing import List
+from typing import List, Optional
 
+from ground.analysis.horizon import PredictionError
 from ground.reports import words
 from ground.reports.words import listed, off
+from ground.support import records
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
@@ -13,13 +15,15 @@ SLIGHTLY = 1.1  # ratio of the errors of two models below which one is slightly 
 def lines(result: Document, page: str = "") -> List[Line]:
     """All first lines; result: contents of compare.json; page: its file; empty: it is not written, and
     commands are for Python."""
-    ranking, found = result["ranking"], result["prediction"]
+    ranking, found = result["ranking"], None
+    if result["prediction"]:
+        found = records.read(PredictionError, result["prediction"], "prediction")
     best = next(iter(ranking["errors"]))
     head = [("Best" if len(ranking["errors"]) > 1 else "Model", _best(ranking, best, found))]
     if found:
-        shown = ["%s %s" % (label, off(error)) for label, error in found["errors"].items()]
-        told = "%s (the mocap alone: %s)" % ("; ".join(shown), off(found["mocap"]))
-        head.append((words.after(found), told))
+        shown = ["%s %s" % (label, off(error)) for label, error in found.errors.items()]
+        told = "%s (the mocap alone: %s)" % ("; ".join(shown), off(found.mocap))
+        head.append((words.after(found.seconds), told))
     finds = "ground.diagnose(comparison.models[%r], RECORDINGS)" % best
     if page:
         file = result["models"][best]["file"] or "MODEL"
@@ -28,7 +32,7 @@ def lines(result: Document, page: str = "") -> List[Line]:
     return head + [("Details", page)] * bool(page)
 
 
-def _best(ranking: Document, best: str, found: Document) -> str:
+def _best(ranking: Document, best: str, found: Optional[PredictionError]) -> str:
     errors, equal = ranking["errors"], ranking["equal"]
     does = "predicts" if ranking["role"] == "held_out" else "fits"
     if equal:
@@ -42,13 +46,13 @@ def _best(ranking: Document, best: str, found: Document) -> str:
     second = others[0]
     if not found:
         return "%s - it %s these runs better than %s." % (best, does, listed(others))
-    ratio = words.ratio(found["errors"][second], found["errors"][best])
+    ratio = words.ratio(found.errors[second], found.errors[best])
     if ratio < SLIGHTLY:
         return "%s - it %s these runs slightly better than %s." % (best, does, listed(others))
     return "%s - it %s these runs %.2g times as well as %s." % (best, does, ratio, second)
 
 
-def _next(ranking: Document, best: str, finds: str, found: Document) -> str:
+def _next(ranking: Document, best: str, finds: str, found: Optional[PredictionError]) -> str:
     """What to do next; finds: the command that finds what is missing."""
     many = len(ranking["errors"]) > 1
     if ranking["role"] == "fit":

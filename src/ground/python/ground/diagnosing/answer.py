@@ -4,14 +4,16 @@ the model with it is, and what to do next."""
 import math
 import os
 import shlex
-from typing import Iterator, List
+from typing import Iterator, List, Mapping, Union
 
 from ground.analysis.diagnosis import EXPLAINED
 from ground.analysis.search import LEVEL
 from ground.diagnosing import words
+from ground.diagnosing.report import AddedEffect, DiagnosisReport, ScreenedEffect, TriedEffect
 from ground.effect_library import candidates
 from ground.reports import effect_words
 from ground.reports.words import capital, listed, number, off, prediction
+from ground.support import records
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
@@ -20,42 +22,46 @@ MAX_SIZES = 3  # parameters of an effect that a row of its search has
 CERTAINTY = ((1e-6, "Very certain"), (1e-3, "Certain"), (math.inf, "Likely"))
 
 
-def tried(row: Document, means: Document) -> Document:
-    """What is known of a single effect, a row of `candidates`, with its meaning, size and certainty in words;
-    means: meanings of effects that are not of the library."""
-    sizes = [words.parameter(key, one) for key, one in row["parameters"].items() if one["identified"]]
-    sure = next(word for chance, word in CERTAINTY if row["p_corrected"] < chance)
+def tried(row: Union[ScreenedEffect, TriedEffect], means: Mapping[str, str]) -> Document:
+    """What is known of a single effect as plain values, with its meaning, size and certainty in words; means:
+    meanings of effects that are not of the library."""
+    sizes = [words.parameter(name, one) for name, one in row.parameters.items() if one.identified]
     return {
-        **row,
-        "meaning": candidates.summaries().get(row["effect"]) or means.get(row["effect"], ""),
+        **records.plain(row),
+        "meaning": candidates.summaries().get(row.effect) or means.get(row.effect, ""),
         "size": ", ".join(sizes[:MAX_SIZES]) or "not identifiable from these runs",
-        "certain": sure if row["p_corrected"] < LEVEL else "not significant",
+        "certain": _sure(row.p_corrected) if row.p_corrected < LEVEL else "not significant",
     }
 
 
-def lines(report: Document, folder: str = "") -> List[Line]:
+def _sure(chance: float) -> str:
+    """The word for a probability of as much evidence without the effect."""
+    return next(word for most, word in CERTAINTY if chance < most)
+
+
+def lines(report: DiagnosisReport, folder: str = "") -> List[Line]:
     """All first lines; folder: of the results; empty: they are not written, and commands are for
     Python."""
     return [*known_first(report), *known_last(report, folder)]
 
 
-def known_first(report: Document) -> List[Line]:
+def known_first(report: DiagnosisReport) -> List[Line]:
     """The lines that need the verdict only."""
     head = [("" if i else "Missing", text) for i, text in enumerate(_answers(report))]
-    if report["verdict"] == "misread":
+    if report.is_misread:
         return head
-    count, beside = len(report["improved"]["effects"]), {}
+    count, beside = len(report.improved.effects), {}
     if count:
         beside["refitted"] = "refitted without the effect%s" % ("s" * (count > 1))
-    if report["ceiling"]["named_as"]:
+    if report.ceiling.named_as:
         beside["formula"] = "with the formula for what is left"
-    return head + prediction(report["prediction"], "given", "improved" if count else "refitted", **beside)
+    return head + prediction(report.prediction, "given", "improved" if count else "refitted", **beside)
 
 
-def known_last(report: Document, folder: str) -> Iterator[Line]:
+def known_last(report: DiagnosisReport, folder: str) -> Iterator[Line]:
     """The other lines: files, and what to do next."""
-    found = report["improved"]["effects"]
-    if report["verdict"] != "misread":
+    found = report.improved.effects
+    if report.verdict != "misread":
         saved = _in(folder, "improved.yaml") if folder else "not saved yet"
         yield "Model with %s" % ("it" if len(found) == 1 else "them") if found else "Model, refitted", saved
     yield "Next", _next(report, folder)
@@ -68,108 +74,107 @@ def _in(folder: str, name: str) -> str:
     return os.path.normpath(os.path.join(folder, name))
 
 
-def title(report: Document) -> str:
+def title(report: DiagnosisReport) -> str:
     """The answer in a sentence."""
     return "Missing: " + " ".join(_answers(report))
 
 
-def _answers(report: Document) -> Iterator[str]:
-    if report["verdict"] == "misread":
-        from ground.checks import suspicions
-
+def _answers(report: DiagnosisReport) -> Iterator[str]:
+    if report.is_misread:
         yield (
             "not searched - these recordings seem to have wrong units, axes, channels or clocks, "
             "and effects found in them would be wrong."
         )
-        for found in report["findings"]:
-            yield "%s: %s" % (", ".join(found["runs"]), suspicions.sentence(found))
+        for found in report.findings:
+            yield found.sentence
         return
-    for step in report["steps"]:
+    for step in report.steps:
         yield _effect(report, step)
     rest = _rest(report)
     if rest:
         yield rest
-    if report["improved"].get("by") == "simulation":  # not in reports of release 1.0.0
+    if report.improved.by == "simulation":
         yield "The model is fitted by simulation error: it predicts better than the one by likelihood."
-    if report["steps"] and not rest and _rest_matters(report):
+    if report.steps and not rest and _rest_matters(report):
         yield capital(_left(report))
 
 
-def _effect(report: Document, step: Document) -> str:
+def _effect(report: DiagnosisReport, step: AddedEffect) -> str:
     """An effect that was found: "motor_lag - first-order lag of the thrusters: tau 50 ms (95%: 48 to 52 ms).
     Very certain."."""
-    name, values = step["added"], report["improved"]["parameters"]
+    name, values = step.added, report.improved.parameters
     own = {key.split(".", 1)[1]: p for key, p in values.items() if key.startswith(name + ".")}
-    means = " - " + report["means"][name] if name in report["means"] else ""
+    means = " - " + report.means[name] if name in report.means else ""
     told = "%s%s: %s" % (name, means, ", ".join(words.parameters(own)))
     estimates = {
-        key: effect_words.Estimate.of(p["value"], words.interval(p), p["unit"], p["identified"])
-        for key, p in own.items()
-        if p["value"] is not None
+        key: effect_words.Estimate.of(p.value, p.ci95, p.unit, p.identified) for key, p in own.items()
     }
     does = effect_words.sentence(name, estimates)
     told += ", so that " + does if does else ""
-    others = [other for other in step["group"] if other != name]
-    if others:
-        told += ". These runs do not distinguish it from %s" % words.effects(report, others)
+    if step.others:
+        told += ". These runs do not distinguish it from %s" % words.effects(report, step.others)
     return "%s. %s." % (told, _certainty(report, step))
 
 
-def _left(report: Document) -> str:
+def _left(report: DiagnosisReport) -> str:
     """What the improved model leaves beyond what matters."""
-    if not report["agreement"]["holds"]:
+    agrees, found = report.agreement, report.prediction
+    if not agrees.holds or found is None:
         return words.pattern(report) + "."
-    told = "what the model leaves, %s, is a random push" % off(report["prediction"]["errors"]["improved"])
-    if _is_chance(report):
-        return told + ": " + words.common(report) + "."
-    told += " or an effect of something that was not recorded"
-    return told + (": " + words.common(report) if report["agreement"].get("common") else "") + "."
+    told = "what the model leaves, %s, is a random push" % off(found.errors["improved"])
+    if not _is_chance(report):
+        told += " or an effect of something that was not recorded"
+    return told + (": " + words.common(agrees.common) if agrees.common else "") + "."
 
 
-def _is_chance(report: Document) -> bool:
+def _is_chance(report: DiagnosisReport) -> bool:
     """Whether runs with the same commands show that more than half of what is left is a random push."""
-    found = report["agreement"].get("common")  # not in reports of release 1.0.0
-    return bool(report["agreement"]["holds"] and found and found["low"] <= 0 and found["high"] < 1 / 2)
+    found = report.agreement.common
+    return bool(report.agreement.holds and found and found.low <= 0 and found.high < 1 / 2)
 
 
-def _rest_matters(report: Document) -> bool:
+def _rest_matters(report: DiagnosisReport) -> bool:
     """Whether the improved model leaves more, beside what the mocap leaves, than what matters."""
-    found, least = report["prediction"], report.get("matters")  # none in reports of release 1.0.0
+    found, least = report.prediction, report.matters
     if found is None or least is None:
         return False
-    error, mocap = found["errors"]["improved"], found["mocap"]
-    return any((error[key] or math.inf) ** 2 - (mocap[key] or 0.0) ** 2 > least[key] ** 2 for key in least)
+    error, mocap = found.errors["improved"], found.mocap
+    return (
+        error.position_mm**2 - mocap.position_mm**2 > least.position_mm**2
+        or error.heading_deg**2 - mocap.heading_deg**2 > least.heading_deg**2
+    )
 
 
-def _certainty(report: Document, step: Document) -> str:
+def _certainty(report: DiagnosisReport, step: AddedEffect) -> str:
     """How certain an effect is, and the evidence against it."""
-    held, fitted = step["judged"]["holdout"], step["judged"]["fitted"]
-    sure = next(word for chance, word in CERTAINTY if step["p_corrected"] < chance)
-    if held and held["verdict"] == "worse":
+    held, fitted = step.judged.holdout, step.judged.fitted
+    sure = _sure(step.p_corrected)
+    if held and held.is_worse:
         return "Contradicted by the runs that you held out: they are predicted worse with it"
-    if held and held["verdict"] != "better":
+    if held and not held.is_better:
         return "%s in the runs fitted to; the runs that you held out cannot confirm it" % sure
-    if fitted["verdict"] != "better":
+    if not fitted.is_better:
         return "Seen, not confirmed: parts of the runs that were held out cannot confirm it"
-    if _is_disputed(report, step["added"]):
+    if _is_disputed(report, step.added):
         return "Seen, not confirmed: single runs do not agree that it is there"
     return sure + (" that something acts like it" if _rest(report) else "")
 
 
-def _is_disputed(report: Document, name: str) -> bool:
+def _is_disputed(report: DiagnosisReport, name: str) -> bool:
     """Whether runs differ so much that the intervals of an effect of the library contain nothing at all."""
-    values, known = report["improved"]["parameters"], candidates.effects().get(name, {"parameters": []})
+    values, known = report.improved.parameters, candidates.effects().get(name, {"parameters": []})
     neutral = {"%s.%s" % (name, p["name"]): p["neutral"] for p in known["parameters"] if not p["shape"]}
     found = [(values[key], value) for key, value in neutral.items() if key in values]
-    inside = [low <= value <= high for p, value in found for low, high in [words.interval(p)]]
-    return all(inside) and any("runs" in p for p, _ in found)
+    inside = [p.ci95[0] <= value <= p.ci95[1] for p, value in found]
+    return all(inside) and any(p.runs for p, _ in found)
 
 
-def _rest(report: Document) -> str:
+def _rest(report: DiagnosisReport) -> str:
     """What is missing beside the effects found; empty if nothing is."""
-    kind, matters, ceiling = report["verdict"], _rest_matters(report), report["ceiling"]
-    explained = report["improved"]["error"]["heldout"] < EXPLAINED * (report["noise_floor"] or 0.0)
-    depends = bool(ceiling["terms"]) and not report["agreement"].get("frequency")
+    kind, matters, ceiling = report.verdict, _rest_matters(report), report.ceiling
+    error = report.improved.error.heldout
+    explained = error is not None and error < EXPLAINED * report.noise_floor
+    depends = bool(ceiling.terms) and not report.agreement.frequency
     if kind == "complete" and matters:
         return "nothing that these runs show - " + _left(report)
     if kind == "complete" and not explained:
@@ -178,11 +183,11 @@ def _rest(report: Document) -> str:
             "that was recorded predicts."
         )
     if kind == "complete":
-        small = [words.effect(report, one["effect"]) for one in report["dropped"] if one["change"]]
+        small = [words.effect(report, one.effect) for one in report.dropped if one.change]
         acts = " A trace of %s can be seen, too small to matter." % listed(small) if small else ""
         return "nothing - the model predicts these runs as well as the mocap can measure them." + acts
     if kind == "varies":
-        told = "no effect, but %s." % listed([words.varying(found) for found in report["varies"]])
+        told = "no effect, but %s." % listed([words.varying(found) for found in report.varies])
         return told + (" " + capital(_left(report)) if matters else "")
     if kind == "undecided":
         return "cannot be decided, because " + _undecided(report, depends)
@@ -190,50 +195,50 @@ def _rest(report: Document) -> str:
         told = "More may be missing that depends on %s; these runs cannot decide it."
         return told % words.arguments(report)
     if kind == "missing":
-        doubted = not explained and not report["agreement"]["holds"]
+        doubted = not explained and not report.agreement.holds
         return "More may be missing: %s." % words.pattern(report) if doubted else ""
     unnamed = "that is not in the library"
-    if report.get("selection"):
-        unnamed = "that is none of the effects that were tried (%s)" % report["selection"]
-    what = "something else" if report["improved"]["effects"] else "an effect"
-    if ceiling["named_as"]:
-        return "%s %s: %s." % (what, unnamed, ceiling["named_as"])
+    if report.selection:
+        unnamed = "that is none of the effects that were tried (%s)" % report.selection
+    what = "something else" if report.improved.effects else "an effect"
+    if ceiling.named_as:
+        return "%s %s: %s." % (what, unnamed, ceiling.named_as)
     return "%s %s and depends on %s." % (what, unnamed, words.arguments(report))
 
 
-def _undecided(report: Document, depends: bool) -> str:
+def _undecided(report: DiagnosisReport, depends: bool) -> str:
     """Why runs cannot decide whether something is missing. depends: they show what it may depend on."""
-    if number(report["noise_floor"]) == "-":
+    if number(report.noise_floor) == "-":
         return "the model's motion is not finite along whole runs, so that what noise leaves is not known."
-    refuted = [dropped for dropped in report["dropped"] if dropped["change"] is None]
+    refuted = [dropped for dropped in report.dropped if dropped.change is None]
     if refuted:
-        best = words.effect(report, refuted[-1]["effect"])
-        return "%s fits these runs best, but %s." % (best, refuted[-1]["why"])
+        best = words.effect(report, refuted[-1].effect)
+        return "%s fits these runs best, but %s." % (best, refuted[-1].why)
     if depends:
         return "what they show about %s does not predict the other runs." % words.arguments(report)
-    if not report["agreement"]["holds"]:
+    if not report.agreement.holds:
         return words.pattern(report) + "."
     told = "a random disturbance explains what is left as well as an effect would (of up to %.0f%% of it)."
-    return told % float(100 * report["ceiling"]["bound"])
+    return told % float(100 * report.ceiling.bound)
 
 
-def _next(report: Document, folder: str) -> str:
+def _next(report: DiagnosisReport, folder: str) -> str:
     """What to do next; commands stand on lines of their own."""
-    kind, proposed = report["verdict"], report["next_experiment"]
+    kind, proposed = report.verdict, report.next_experiment
     nameless, open_still = kind in ("unexplained", "memory"), kind == "missing" and bool(_rest(report))
     if kind == "misread":
         anyway = "add --as-recorded" if folder else "give as_recorded=True"
         return "correct the mapping or the settings as stated above, or %s to diagnose anyway" % anyway
-    flies = proposed and (proposed["launch"] if folder else proposed.get("call", proposed["launch"]))
-    if proposed and any(len(step["group"]) > 1 for step in report["steps"]):
-        return "fly this to distinguish %s:\n%s" % (words.effects(report, proposed["separates"]), flies)
-    if report.get("selection") and (nameless or open_still or kind == "undecided"):
-        whole = "ground.diagnose(%r, RECORDINGS)" % report["model"]
+    flies = proposed and (proposed.launch if folder else proposed.call or proposed.launch)
+    if proposed and any(len(step.group) > 1 for step in report.steps):
+        return "fly this to distinguish %s:\n%s" % (words.effects(report, proposed.separates), flies)
+    if report.selection and (nameless or open_still or kind == "undecided"):
+        whole = "ground.diagnose(%r, RECORDINGS)" % report.model
         if folder:
-            model = shlex.quote(report["model"])
+            model = shlex.quote(report.model)
             whole = "rosrun ground identify diagnose BAGS --model %s -o whole_library" % model
         return "let all effects of the library be tried:\n" + whole
-    if nameless and report["unexplained"]["proposal"]:
+    if nameless and report.unexplained.proposal:
         adds = "ground.add(diagnosis.improved, diagnosis.proposal, RECORDINGS)"
         if folder:
             files = _in(folder, "proposal.yaml"), _in(folder, "improved.yaml")
@@ -241,15 +246,15 @@ def _next(report: Document, folder: str) -> str:
         return "the formula is an effect of its own; this adds it and fits its size:\n" + adds
     if nameless:
         return "record more runs over the same places with other commands, so that a formula can be found"
-    swings = report["agreement"].get("frequency")
+    swings = report.agreement.frequency
     if swings and (kind == "undecided" or (kind != "varies" and _rest_matters(report))):
         return "switch off what swings or turns near the craft, one at a time, and record again"
     if kind == "undecided":
         return "record more and longer runs, over the same places, with other commands"
     if kind == "varies":
         return "find what changed between the runs (battery, trim, floor), or accept it as their spread"
-    judged = [one for step in report["steps"] for one in step["judged"].values()]
-    if any(one is not None and one["verdict"] != "better" for one in judged):
+    judged = [one for step in report.steps for one in (step.judged.fitted, step.judged.holdout)]
+    if any(one is not None and not one.is_better for one in judged):
         return "record more runs and diagnose all of them together, to confirm or refute it"
     if open_still:
         return "record more and longer runs to see whether more is missing; the model is usable now"
@@ -258,14 +263,14 @@ def _next(report: Document, folder: str) -> str:
     model = _in(folder, "improved.yaml") if folder else "diagnosis.improved"
     told = "nothing needed; controllers and the simulator take %s" % model
     if proposed:
-        hidden = words.effects(report, proposed["separates"][:1])
+        hidden = words.effects(report, proposed.separates[:1])
         return "%s. These runs cannot show %s; this would:\n%s" % (told, hidden, flies)
     return told
 
 
-def _repeat(report: Document, by: str) -> str:
+def _repeat(report: DiagnosisReport, by: str) -> str:
     """The flights that tell whether what is left is chance; by: how they are flown."""
-    if report["agreement"].get("common"):
+    if report.agreement.common:
         return "fly the same commands more often, and diagnose all runs: what they share is not yet clear"
     return (
         "fly the same commands twice from the same start%s, and diagnose both runs with these: a random "

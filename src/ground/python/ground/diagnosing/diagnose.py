@@ -14,12 +14,13 @@ from ground.analysis.verdict import MISREAD, conclude
 from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, held_out, measured
 from ground.data.read import Recordings
-from ground.diagnosing import answer, document
+from ground.diagnosing import answer, reporting
 from ground.diagnosing.drawn import REFITTED, Drawn
+from ground.diagnosing.report import Mistake, NextExperiment
 from ground.diagnosing.result import Diagnosis, prepare
 from ground.effect_library import candidates
 from ground.effect_library.effects import Effect, EffectLike
-from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
+from ground.models import Model, ModelLike, Room, RoomLike, fitted_model
 from ground.reading.recording import Recording
 from ground.reports import result_folder
 from ground.support import command_line
@@ -105,11 +106,11 @@ def diagnose(
         _note_boat(given)
     flown = _first_with("room", seen)
     walls = room or (Room.of_recording(flown) if flown else None)
-    noted = [one.describe() for one in seen.findings + held.findings]
+    noted = [Mistake(**one.describe()) for one in seen.findings + held.findings]
 
     def tested(found: diagnosis.StepwiseDiagnosis) -> None:
         if tried:
-            tried([answer.tried(row, {}) for row in document.tested(found)])
+            tried([answer.tried(row, {}) for row in reporting.screened(found)])
 
     def begun() -> diagnosis.StepwiseDiagnosis:
         """The model as it is, refitted."""
@@ -118,30 +119,29 @@ def diagnose(
         )
 
     found = begun()
-    misread = not options.as_recorded and any(one["misread"] for one in noted)
+    misread = not options.as_recorded and any(one.misread for one in noted)
     if not misread:
         found.grow()
-        is_turned = not options.as_recorded and any(one["kind"] == "offset" for one in noted)
+        is_turned = not options.as_recorded and any(one.kind == "offset" for one in noted)
         if is_turned and "heading_offset" not in found.model.effects:
             # The search has not found what the commands show: what it found instead is not physics.
             found, misread = begun(), True
     conclusion = conclude(found, held.data, misread)
     chosen = [("only", options.only), ("all but", options.exclude)]
     selection = "; ".join("%s %s" % (which, ", ".join(names)) for which, names in chosen if names)
-    report = document.begun(found, conclusion, given.path or given.name, held.data, noted, selection)
+    report = reporting.begun(found, conclusion, given.path or given.name, held.data, noted, selection)
     for line in formatted(answer.known_first(report)):
         told(line)
-    report = document.completed(report, found, conclusion, walls.core if walls else None)
-    starts = report["improved"]["parameters"]
-    parameters = {
-        name: replace(p, start=float(starts[name]["start"]))
-        for name, p in parameters_by_name(conclusion.after.parameters).items()
-    }
+    report, planned = reporting.completed(report, found, conclusion, walls.core if walls else None)
+    if planned:
+        report = replace(report, next_experiment=_flown(planned.experiment, seen, room))
     improved = given
     if conclusion.verdict != MISREAD:
         before, after = (
-            {of: report[kind]["error"][of] for of in ("fit", "heldout")} for kind in ("nominal", "improved")
+            {"fit": float(one.error.sum()), "heldout": float(one.heldout.sum())}
+            for one in (conclusion.before, conclusion.after)
         )
+        parameters = {name: p.named(name) for name, p in report.improved.parameters.items()}
         improved = fitted_model(conclusion.improved, seen.recordings, before, after, parameters)
     from ground.checks import findings
 
@@ -150,25 +150,16 @@ def diagnose(
     models = {REFITTED: conclusion.before.model}
     if found.chosen:
         models["improved"] = conclusion.improved
-    return Diagnosis(
-        verdict=conclusion.verdict,
-        effects=tuple(report["improved"]["effects"]),
-        improved=improved,
-        parameters=parameters,
-        error=tuple(conclusion.heldout),
-        noise_floor=conclusion.heldout_floor,
-        next_inputs=_next_inputs(report["next_experiment"], seen, room),
-        report=report,
-        drawn=Drawn(
-            runs=found.runs,
-            held=held.data,
-            models=models,
-            likeliest=found.nominal.model,
-            bands=conclusion.bands,
-            described=findings.describe(seen.runs + held.runs),
-            inputs=[path for path in read if path],
-        ),
+    drawn = Drawn(
+        runs=found.runs,
+        held=held.data,
+        models=models,
+        likeliest=found.nominal.model,
+        bands=conclusion.bands,
+        described=findings.describe(seen.runs + held.runs),
+        inputs=[path for path in read if path],
     )
+    return Diagnosis.of(report, improved, planned and planned.rows, drawn)
 
 
 def _what_matters(text: Optional[str]) -> Optional[Array]:
@@ -232,26 +223,22 @@ def effects_to_try(
     return chosen
 
 
-def _next_inputs(proposed: Document, seen: Measured, room: Optional[Room]) -> Optional[Array]:
-    """Takes the inputs out of the proposal, and adds the room to its command line. Where the craft was a
-    simulated one, the simulator flies it."""
-    if not proposed:
-        return None
+def _flown(proposed: NextExperiment, seen: Measured, room: Optional[Room]) -> NextExperiment:
+    """The experiment with the room in its command line. Where the craft was a simulated one, the simulator
+    flies it."""
     in_room, simulated = _first_with("room", seen), _first_with("truth", seen)
     file = room.path if room else str(in_room.files["room"].place()) if in_room else ""
     at = shlex.quote(os.path.abspath(file)) if file else ""
     if simulated is None:
-        proposed["launch"] += " room:=" + at if at else ""
-    else:
-        truth, arguments = shlex.quote(simulated.files["truth"].place()), proposed["arguments"]
-        from ground.diagnosing.next_experiment import IN_ROOM
+        return replace(proposed, launch=proposed.launch + (" room:=" + at if at else ""))
+    from ground.diagnosing.next_experiment import IN_ROOM
 
-        options = "%s --duration %g" % (arguments, IN_ROOM) + (" --room " + at if at else "")
-        program = "rosrun ground identify simulate --model %s %s -o next.bag"
-        proposed["launch"] = program % (truth, options)
-        lift = arguments.partition("--lift ")[2] or "1"
-        proposed["call"] = "ground.simulate(CRAFT, inputs=diagnosis.next_inputs, lift=%s)" % lift
-    return np.array(proposed.pop("rows"), float)
+    truth, arguments = shlex.quote(simulated.files["truth"].place()), proposed.arguments
+    options = "%s --duration %g" % (arguments, IN_ROOM) + (" --room " + at if at else "")
+    program = "rosrun ground identify simulate --model %s %s -o next.bag"
+    lift = arguments.partition("--lift ")[2] or "1"
+    call = "ground.simulate(CRAFT, inputs=diagnosis.next_inputs, lift=%s)" % lift
+    return replace(proposed, launch=program % (truth, options), call=call)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -283,7 +270,7 @@ def run(arguments: argparse.Namespace) -> Document:
             options=command_line.options(arguments, DiagnoseOptions),
             progress=arguments.work,
         )
-    for line in formatted(answer.known_last(found.report, arguments.output)):
+    for line in formatted(answer.known_last(found.contents, arguments.output)):
         say(line)
     command_line.say_details(arguments, found.details())
     with arguments.work.stage(result_folder.WRITING):

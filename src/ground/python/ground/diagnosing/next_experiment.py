@@ -2,7 +2,7 @@
 
 import contextlib
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, List, Mapping, Optional, Sequence
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from ground import _core
 from ground.analysis.likelihood import Likelihood, LikelihoodFit, call
 from ground.analysis.thinning import thinned
+from ground.diagnosing.report import NextExperiment, Planned
 from ground.simulation import experiments
 from ground.simulation.designs import Design, designs
 from ground.support.annotations import Array, Each
@@ -20,20 +21,6 @@ IN_ROOM = 16.0  # duration in a room, where returns take about half of it [s]
 RATE = 120.0  # rate of the mocap [Hz]
 MAX_REFITTED = 4  # experiments that are refitted
 CLEAR_DISAGREEMENT = 6.0  # standard deviations that distinguish rivals in nearly all cases
-
-
-@dataclass(frozen=True)
-class NextExperiment:
-    """The experiment in which rivals would diverge most."""
-
-    separates: List[str]  #: names of the rivals
-    input: str  #: in words
-    arguments: str  #: of identify simulate, open loop
-    launch: str  #: line that flies it
-    room: str  #: its name
-    rows: List[List[float]]  #: time [s], left and right of the design
-    repeat: int  #: number of such runs for a clear decision
-    expected_disagreement: float  #: of one of them [standard deviations]
 
 
 def _options(design: Design, form: str) -> List[str]:
@@ -60,7 +47,7 @@ def propose(
     each: Each = map,
     room: Optional[_core.RoomPlan] = None,
     work: Optional[Work] = None,
-) -> Optional[NextExperiment]:
+) -> Optional[Planned]:
     """The experiment in which rivals, models that do the same on recorded runs, would diverge most.
 
     rivals: by name, their fits to the runs (_core.RunData). Each rival simulates each experiment that a
@@ -103,16 +90,16 @@ def propose(
     played = " ".join(["--input %s" % proposed.kind, *_options(proposed, "--%s %s")]) + lift
     flown = " ".join(["design:=%s" % proposed.kind, *_options(proposed, "%s:='%s'")])
     flies = "roslaunch ground room_prbs.launch mocap_host:=ADDRESS %s lift:=%g duration:=%g"
-    return NextExperiment(
+    experiment = NextExperiment(
         separates=list(rivals),
         input=proposed.words,
         arguments=played,
         launch=flies % (flown, proposed.lift, IN_ROOM),
         room=place.name,
-        rows=proposed.rows(IN_ROOM).tolist(),
         repeat=math.ceil((CLEAR_DISAGREEMENT / best) ** 2),
         expected_disagreement=best,
     )
+    return Planned(experiment, proposed.rows(IN_ROOM))
 
 
 def _disagreement(

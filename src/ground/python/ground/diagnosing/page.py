@@ -5,29 +5,30 @@ from typing import Any, List, Optional
 
 from ground.diagnosing import answer, words
 from ground.diagnosing.drawn import Drawn
+from ground.diagnosing.report import DiagnosisReport
 from ground.reports import appearance, figures, page, studies
 from ground.reports.words import number, off
-from ground.support.annotations import Document
+from ground.support.annotations import Plotly
 
 MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
 
 
-def write(path: str, report: Document, found: Drawn, force: bool = False) -> None:
-    """Writes the page of a diagnosis. report: as ground.diagnosing.document gives it."""
+def write(path: str, report: DiagnosisReport, found: Drawn, force: bool = False) -> None:
+    """Writes the page of a diagnosis."""
     described, count = found.described, len(found.described)
     most = min(MAX_DRAWN, count)
     drawn = [i * count // most for i in range(most)]
     inspected, banded = found.inspected(drawn), {id(one.run): one for one in found.bands}
     tested = "cross-validated: each run (or quarter of a single one), by a fit to the others"
-    if words.is_held_out(report):
-        tested = "held out: " + ", ".join(report["runs"]["heldout"])
-    name = os.path.basename(report["model"])
-    improved, nominal = report["improved"]["parameters"], report["nominal"]["parameters"]
+    if report.runs.is_held_out:
+        tested = "held out: " + ", ".join(report.runs.heldout)
+    name = os.path.basename(report.model)
+    improved, nominal = report.improved.parameters, report.nominal.parameters
     page.write(
         path,
         "diagnosing/diagnosis.html",
         "Diagnosis of %s" % name,
-        appearance.VERDICTS[report["verdict"]],
+        appearance.VERDICTS[report.verdict],
         force,
         name=name,
         report=report,
@@ -38,7 +39,7 @@ def write(path: str, report: Document, found: Drawn, force: bool = False) -> Non
         count=count,
         runs=studies.shown(inspected, [described[i] for i in drawn], banded),
         candidates=_candidates(report),
-        chosen=[i for i, c in enumerate(report["candidates"]) if c["selected"]],
+        chosen=[i for i, c in enumerate(report.candidates) if c.selected],
         columns=_columns(report),
         parameters=_parameters(report),
         new=[i for i, name in enumerate(improved) if name not in nominal],
@@ -48,61 +49,56 @@ def write(path: str, report: Document, found: Drawn, force: bool = False) -> Non
     )
 
 
-def predictions(report: Document) -> Optional[Document]:
+def predictions(report: DiagnosisReport) -> Optional[Plotly]:
     """Bars of how far predicted poses are off; None where runs are too short."""
-    found, effects = report["prediction"], report["improved"]["effects"]
+    found, effects = report.prediction, report.improved.effects
     if found is None:
         return None
     shown = [("given", "given"), ("improved", "refitted")]
     if effects:
         shown[1:] = [("refitted", "refitted"), ("improved", "improved")]
-    if "formula" in found["errors"]:
+    if "formula" in found.errors:
         shown.append(("formula", "with the formula for what is left"))
-    before, last = (off(found["errors"][name]) for name, _ in shown[-2:])
+    before, last = (off(found.errors[name]) for name, _ in shown[-2:])
     title = "After %.3g s predictions are off by %s, by %s before; the mocap alone leaves %s"
-    told = found["seconds"], last, before, off(found["mocap"])
+    told = found.seconds, last, before, off(found.mocap)
     return figures.predictions(found, shown, title % told)
 
 
-def _candidates(report: Document) -> List[List[Any]]:
+def _candidates(report: DiagnosisReport) -> List[List[Any]]:
     """A row for each effect that was tried."""
     return [
         [
-            c["rank"],
-            words.effect(report, c["effect"]),
-            number(c["error"]["heldout"]),
-            "%.1g" % c["p_corrected"],
-            "%.0f" % c["delta_bic"],
-            "\n".join(words.parameters(c["parameters"])),
-            words.effects(report, [name for name in c["group"] if name != c["effect"]]),
+            c.rank,
+            words.effect(report, c.effect),
+            number(c.error.heldout),
+            "%.1g" % c.p_corrected,
+            "%.0f" % c.delta_bic,
+            "\n".join(words.parameters(c.parameters)),
+            words.effects(report, c.others),
         ]
-        for c in report["candidates"]
+        for c in report.candidates
     ]
 
 
-def _columns(report: Document) -> List[str]:
+def _columns(report: DiagnosisReport) -> List[str]:
     """The heads of the table of parameters, which names models as the figures do."""
-    models = ["#given", "#refitted", *["#improved"] * bool(report["improved"]["effects"])]
+    models = ["#given", "#refitted", *["#improved"] * bool(report.improved.effects)]
     return ["parameter", *models, "95% interval", "unit"]
 
 
-def _parameters(report: Document) -> List[List[str]]:
+def _parameters(report: DiagnosisReport) -> List[List[str]]:
     """A row for each parameter of the improved model: before and after."""
-    nominal = report["nominal"]["parameters"]
-    found = bool(report["improved"]["effects"])
+    nominal, found = report.nominal.parameters, bool(report.improved.effects)
+    rows = []
+    for name, p in report.improved.parameters.items():
+        before = nominal.get(name)
+        start, refitted = (before.start, before.value) if before else (None, None)
+        interval = "%.4g to %.4g" % p.ci95 if p.identified else "not identifiable from these data"
+        rows.append([name, _short(start), *[_short(refitted)] * found, _short(p.value), interval, p.unit])
+    return rows
 
-    def before(name: str, key: str) -> str:
-        value = nominal.get(name, {}).get(key)
-        return "" if value is None else "%.4g" % value
 
-    return [
-        [
-            name,
-            before(name, "start"),
-            *[before(name, "value")] * found,
-            "-" if p["value"] is None else "%.4g" % p["value"],
-            "%.4g to %.4g" % words.interval(p) if p["identified"] else "not identifiable from these data",
-            p["unit"],
-        ]
-        for name, p in report["improved"]["parameters"].items()
-    ]
+def _short(value: Optional[float]) -> str:
+    """A number in four digits; empty without one."""
+    return "" if value is None else "%.4g" % value

@@ -3,17 +3,19 @@
 import math
 import os
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
 from ground.analysis.verdict import MISREAD
-from ground.diagnosing import answer, document, words
+from ground.diagnosing import answer, words
 from ground.diagnosing.drawn import REFITTED, Drawn
+from ground.diagnosing.report import SCHEMA, DiagnosisReport, FitLikelihood
 from ground.effect_library.effects import Effect
 from ground.models import Estimated, Model, Parameter
 from ground.reports import result_folder
-from ground.support import files
+from ground.support import files, records
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
 from ground.support.headline import Line
@@ -48,21 +50,48 @@ class Diagnosis(Shown, Plotted, Estimated):
     error: Tuple[float, ...]
     noise_floor: float  #: error there that the noise of the poses alone would leave
     next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: the proposed experiment
-    #: everything, as diagnosis.json has it; docs/schemas/diagnosis.schema.json explains the keys
-    report: Document
+    contents: DiagnosisReport  #: everything
     drawn: Optional[Drawn]  #: what its page draws; None when it was loaded
+
+    @classmethod
+    def of(
+        cls,
+        found: DiagnosisReport,
+        improved: Model,
+        next_inputs: Optional[Array],
+        drawn: Optional[Drawn] = None,
+    ) -> "Diagnosis":
+        """The diagnosis of a report."""
+        errors = [found.nominal.error, *(step.error for step in found.steps[:-1]), found.improved.error]
+        held = [math.inf if one.heldout is None else one.heldout for one in errors[: 1 + len(found.steps)]]
+        return cls(
+            verdict=found.verdict,
+            effects=tuple(found.improved.effects),
+            improved=improved,
+            parameters={name: p.named(name) for name, p in found.improved.parameters.items()},
+            error=tuple(held),
+            noise_floor=found.noise_floor,
+            next_inputs=next_inputs,
+            contents=found,
+            drawn=drawn,
+        )
+
+    @cached_property
+    def report(self) -> Document:
+        """Everything, as diagnosis.json has it; docs/schemas/diagnosis.schema.json explains the keys."""
+        return records.plain(self.contents)  # type: ignore[no-any-return]
 
     @property
     def proposal(self) -> Optional[Effect]:
         """A formula for what has no name, as an effect that can be added; None without one."""
-        entry = document.proposed_effect(self.report)
-        return Effect.of(entry) if entry else None
+        proposal = self.contents.unexplained.proposal
+        return Effect.of(proposal.entry) if proposal else None
 
     @property
     def tried(self) -> List[Document]:
         """The effects tried, best first, as `candidates` of the report, with `meaning`, `size` and `certain`
         in words."""
-        return [answer.tried(row, self.report["means"]) for row in self.report["candidates"]]
+        return [answer.tried(row, self.contents.means) for row in self.contents.candidates]
 
     @property
     def llf(self) -> float:
@@ -71,23 +100,23 @@ class Diagnosis(Shown, Plotted, Estimated):
         fitted, too: of one-step predictions of a Kalman filter (docs: Likelihood). Poses are thinned; of
         long runs, it is of the parts that were searched (`seconds` of the report). GroundError where the
         improved model was fitted by simulation error, or the diagnosis was saved by an older version."""
-        return float(self._likelihood["llf"])
+        return self._likelihood.llf
 
     @property
     def aic(self) -> float:
         """Akaike's criterion, 2 k - 2 llf. k counts the parameters, not the levels of disturbance and
         noise, which all models have."""
-        return float(2 * self._likelihood["parameters"] - 2 * self.llf)
+        return 2 * self._likelihood.parameters - 2 * self.llf
 
     @property
     def bic(self) -> float:
         """Schwarz's criterion, k ln(n) - 2 llf, with k as in `aic` and three numbers for each pose in n."""
         found = self._likelihood
-        return float(found["parameters"] * math.log(found["observations"]) - 2 * self.llf)
+        return found.parameters * math.log(found.observations) - 2 * self.llf
 
     @property
-    def _likelihood(self) -> Document:
-        found: Optional[Document] = self.report["improved"].get("likelihood")
+    def _likelihood(self) -> FitLikelihood:
+        found = self.contents.improved.likelihood
         if found is None:
             raise GroundError(
                 "the improved model has no likelihood: it was fitted by simulation error, or the "
@@ -97,11 +126,11 @@ class Diagnosis(Shown, Plotted, Estimated):
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: what is missing, how much it matters, and what to do next."""
-        return answer.lines(self.report, written)
+        return answer.lines(self.contents, written)
 
     def details(self) -> Iterator[str]:
         """The evidence: what each effect explains, and what is left."""
-        return words.evidence(self.report)
+        return words.evidence(self.contents)
 
     def to_dict(self) -> Document:
         """Plain values, as diagnosis.json has them."""
@@ -112,12 +141,23 @@ class Diagnosis(Shown, Plotted, Estimated):
         error_fit, error_heldout, selected, seen, estimates (in words, each effect alone)."""
         import pandas
 
-        rows, columns = self.report["candidates"], ["p", "p_corrected", "delta_bic", "selected", "seen"]
-        frame = pandas.DataFrame(rows, columns=["effect", *columns]).set_index("effect")
-        for place, kind in enumerate(("fit", "heldout"), 3):
-            errors = [row["error"][kind] for row in rows]
-            frame.insert(place, "error_" + kind, pandas.array(errors, dtype="Float64"))
-        frame["estimates"] = ["; ".join(words.parameters(row["parameters"])) for row in rows]
+        rows = [
+            [c.effect, c.p, c.p_corrected, c.delta_bic, c.error.fit, c.error.heldout, c.selected, c.seen]
+            for c in self.contents.candidates
+        ]
+        columns = [
+            "effect",
+            "p",
+            "p_corrected",
+            "delta_bic",
+            "error_fit",
+            "error_heldout",
+            "selected",
+            "seen",
+        ]
+        frame = pandas.DataFrame(rows, columns=columns).set_index("effect")
+        frame = frame.astype({"error_fit": "Float64", "error_heldout": "Float64"})
+        frame["estimates"] = ["; ".join(words.parameters(c.parameters)) for c in self.contents.candidates]
         return frame
 
     @classmethod
@@ -125,20 +165,10 @@ class Diagnosis(Shown, Plotted, Estimated):
         """The diagnosis that `save` wrote into a folder, but for what its page draws. GroundError when there
         is none."""
         _, _, improved, _, experiment = (os.path.join(os.fspath(folder), name) for name in FILES)
-        report = document.renewed(result_folder.read(folder, FILES[0], document.SCHEMA))
-        found = report["improved"]
+        found = DiagnosisReport.load(folder, FILES[0])
         rows = np.loadtxt(experiment, delimiter=",", skiprows=1) if os.path.isfile(experiment) else None
-        return cls(
-            verdict=report["verdict"],
-            effects=tuple(found["effects"]),
-            improved=Model.load(improved if os.path.isfile(improved) else report["model"]),
-            parameters={name: _parameter(name, p) for name, p in found["parameters"].items()},
-            error=(report["nominal"]["error"]["heldout"], *(s["error"]["heldout"] for s in report["steps"])),
-            noise_floor=math.nan if report["noise_floor"] is None else report["noise_floor"],
-            next_inputs=rows,
-            report=report,
-            drawn=None,
-        )
+        model = Model.load(improved if os.path.isfile(improved) else found.model)
+        return cls.of(found, model, rows)
 
     def to_mat(self, path: Path, force: bool = False) -> None:
         """Writes a file for MATLAB and Octave: structs `models`, `parameters` and `runs` with what was
@@ -165,28 +195,20 @@ class Diagnosis(Shown, Plotted, Estimated):
             raise GroundError("this diagnosis was loaded: the folder that it was saved in has all of it")
         place = os.fspath(folder)
         paths = prepare(place, force)
-        stale = FILES if result_folder.is_of(paths[0], document.SCHEMA) else ()
+        stale = FILES if result_folder.is_of(paths[0], SCHEMA) else ()
         with result_folder.replaced(place, stale, force) as new:
             numbers, _, improved, proposal, experiment = (os.path.join(new, name) for name in FILES)
             files.write_json(numbers, self.report)
             if self.verdict != MISREAD:
                 self.improved.save(improved)
-            entry = document.proposed_effect(self.report)
-            if entry:
-                files.write_yaml(proposal, entry)
+            if self.contents.unexplained.proposal:
+                files.write_yaml(proposal, self.contents.unexplained.proposal.entry)
             if self.next_inputs is not None:
                 files.write_csv(experiment, "time,left,right", self.next_inputs)
             written = {*os.listdir(new), os.path.basename(paths[1])}
         with result_folder.page(paths[1], paths[0]):
-            page.write(paths[1], self.report, self.drawn, force)
+            page.write(paths[1], self.contents, self.drawn, force)
         return [path for path in paths if os.path.basename(path) in written]
-
-
-def _parameter(name: str, p: Document) -> Parameter:
-    """A parameter of diagnosis.json, where null is what is not finite."""
-    start, value, deviation = (math.nan if p[k] is None else p[k] for k in ("start", "value", "deviation"))
-    flags = p["at_bound"], p["identified"]
-    return Parameter(name, p["unit"], start, value, words.interval(p), deviation, *flags, p.get("runs"))
 
 
 def prepare(folder: str, force: bool) -> List[str]:

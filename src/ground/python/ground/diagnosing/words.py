@@ -1,13 +1,15 @@
 """The evidence of a diagnosis (contents of diagnosis.json) in sentences."""
 
 import math
-from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
+from typing import Dict, Iterator, List, Sequence
 
+from ground.analysis.agreement import Common
 from ground.analysis.formula_words import WORDS
 from ground.analysis.residuals import UNITS
+from ground.analysis.verdict import Varying
+from ground.diagnosing.report import DiagnosisReport, Parameters, ReportedParameter
 from ground.reading.recording import POSE
 from ground.reports.words import capital, listed, number, off
-from ground.support.annotations import Document
 from ground.support.quantities import quantity, with_interval
 
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
@@ -15,98 +17,87 @@ MIN_ROOM = 0.3  # part of the random wrench's force from which a force in the ro
 MIN_ARGUMENT = 0.1  # least share of an argument that is named
 
 
-def effect(report: Document, name: str) -> str:
+def effect(report: DiagnosisReport, name: str) -> str:
     """An effect of a diagnosis in words with its name beside: "moving air (wind)". Names of a user's
     own effects, and of parameters, stay alone."""
-    means = report["means"].get(name)
+    means = report.means.get(name)
     return "%s (%s)" % (means, name) if means else name
 
 
-def effects(report: Document, names: Sequence[str]) -> str:
+def effects(report: DiagnosisReport, names: Sequence[str]) -> str:
     """Some effects of a diagnosis in words."""
     return listed([effect(report, name) for name in names])
 
 
-def is_held_out(report: Document) -> bool:
-    """Whether the user held out runs."""
-    return bool(report["runs"]["heldout"] != report["runs"]["fit"])
-
-
-def varying(found: Document) -> str:
+def varying(found: Varying) -> str:
     """A difference: "the yaw moment differs between runs (sd 9.1e-05 N m)"."""
-    size = quantity(found["deviation"], found["unit"], 2)
-    return "the %s differs between runs (sd %s)" % (found["parameter"], size)
+    size = quantity(found.deviation, found.unit, 2)
+    return "the %s differs between runs (sd %s)" % (found.parameter, size)
 
 
-def parameter(name: str, p: Document) -> str:
+def parameter(name: str, p: ReportedParameter) -> str:
     """A parameter: "tau 50.02 ms (95%: 49.98 to 50.05 ms)", and of which values runs are that differ."""
-    if not p["identified"]:
+    if not p.identified:
         return "%s cannot be identified from these data" % name
-    return "%s %s" % (name, with_interval(p["value"], *interval(p), p["unit"], p.get("runs")))
+    return "%s %s" % (name, with_interval(p.value, *p.ci95, p.unit, p.runs))
 
 
-def interval(p: Document) -> Tuple[float, float]:
-    """The ends of a parameter's interval, which are None in JSON where they are infinite."""
-    low, high = p["ci95"]
-    return -math.inf if low is None else low, math.inf if high is None else high
-
-
-def parameters(values: Mapping[str, Document]) -> List[str]:
+def parameters(values: Parameters) -> List[str]:
     """A line for each parameter of an effect."""
     return [parameter(name, p) for name, p in values.items()]
 
 
-def risen(report: Document) -> Iterator[str]:
+def risen(report: DiagnosisReport) -> Iterator[str]:
     """What data that were held out say about effects that they do not confirm."""
     told = (
         "With %s, the log-likelihood of the runs %s changes by %+.1f (standard error %.1f), "
         "and the squared error of their predicted poses by %+.1f%% (%.1f%%)."
     )
-    for step in report["steps"]:
-        for which, found in (("that you held out", "holdout"), ("fitted to, part by part", "fitted")):
-            one = step["judged"][found]
-            if one and one["verdict"] != "better":
-                gains, rises = (
-                    [math.nan if one[key] is None else one[key] for key in (name, name + "_error")]
-                    for name in ("gain", "rise")
-                )
+    for step in report.steps:
+        judged = step.judged
+        for which, one in (
+            ("that you held out", judged.holdout),
+            ("fitted to, part by part", judged.fitted),
+        ):
+            if one and not one.is_better:
+                rises = [one.rise, one.rise_error]
                 whole = [math.nan if math.isnan(sum(rises)) else 100 * rise for rise in rises]
-                yield told % (effect(report, step["added"]), which, *gains, *whole)
+                yield told % (effect(report, step.added), which, one.gain, one.gain_error, *whole)
 
 
-def apart(report: Document) -> Iterator[str]:
+def apart(report: DiagnosisReport) -> Iterator[str]:
     """What these runs do not distinguish, and the experiment that would."""
-    for c in report["candidates"]:
-        if not c["seen"]:
-            others = effects(report, c["group"][1:])
+    for c in report.candidates:
+        if not c.seen:
+            others = effects(report, c.group[1:])
             why = "a change of %s would look the same" % others if others else "it changes nothing in them"
-            yield "These runs cannot show %s: %s." % (effect(report, c["effect"]), why)
-    for step in report["steps"]:
-        others = effects(report, [name for name in step["group"] if name != step["added"]])
+            yield "These runs cannot show %s: %s." % (effect(report, c.effect), why)
+    for step in report.steps:
+        others = effects(report, step.others)
         if others:
-            yield "These runs cannot distinguish %s from %s." % (effect(report, step["added"]), others)
-    proposed = report["next_experiment"]
+            yield "These runs cannot distinguish %s from %s." % (effect(report, step.added), others)
+    proposed = report.next_experiment
     if proposed:
         yield "The next experiment: %s%s. One such run in %s separates %s by %.1f standard deviations." % (
-            proposed["input"],
-            ", %d runs" % proposed["repeat"] if proposed["repeat"] > 1 else "",
-            "the room %s" % proposed["room"] if proposed["room"] else "a room of 4 x 4 m",
-            effects(report, proposed["separates"]),
-            proposed["expected_disagreement"],
+            proposed.input,
+            ", %d runs" % proposed.repeat if proposed.repeat > 1 else "",
+            "the room %s" % proposed.room if proposed.room else "a room of 4 x 4 m",
+            effects(report, proposed.separates),
+            proposed.expected_disagreement,
         )
 
 
-def arguments(report: Document) -> str:
+def arguments(report: DiagnosisReport) -> str:
     """What the learnable part depends on, in words."""
-    shares = report["ceiling"]["arguments"]
+    shares = report.ceiling.arguments
     most = max(shares.values(), default=0.0)
     named = [WORDS[name] for name, share in shares.items() if share >= MIN_ARGUMENT * most]
     return listed(named) if named else "what was recorded"
 
 
-def _part(share: Document) -> str:
+def _part(share: float, low: float, high: float) -> str:
     """A share with its 95% interval."""
-    return "%s (%s to %s)" % tuple(_percent(value) for value in (share["share"], *share["ci95"]))
+    return "%s (%s to %s)" % tuple(_percent(value) for value in (share, low, high))
 
 
 def _percent(share: float) -> str:
@@ -116,53 +107,54 @@ def _percent(share: float) -> str:
     return ">99%" if 0.995 < share < 1 else "%.0f%%" % (100 * max(0.0, min(1.0, share)))
 
 
-def ceiling(report: Document) -> str:
+def ceiling(report: DiagnosisReport) -> str:
     """How much of the error is named, how much could be learned, and how much is chance."""
-    found, agrees, named = report["ceiling"], report["agreement"], bool(report["improved"]["effects"])
-    kinds = {
-        "named": "the effects found explain %s",
-        "learnable": "further effects could explain %s",
-        "chance": "%s is chance",
-    }
-    parts = [told % _part(found[kind]) for kind, told in kinds.items() if named or kind != "named"]
+    found, agrees = report.ceiling, report.agreement
+    parts = [
+        "further effects could explain " + _part(found.learnable.share, *found.learnable.ci95),
+        _part(found.chance.share, *found.chance.ci95) + " is chance",
+    ]
+    if report.improved.effects:
+        parts.insert(0, "the effects found explain " + _part(found.named.share, *found.named.ci95))
     text = "Of the squared error on the runs that the model was fitted to, %s." % listed(parts)
-    text += " The further effects depend on %s." % arguments(report) if found["said"] else ""
-    if not agrees["holds"] and number(report["noise_floor"]) != "-":
+    text += " The further effects depend on %s." % arguments(report) if found.said else ""
+    if not agrees.holds and number(report.noise_floor) != "-":
         text += (
             " These shares assume a steady random disturbance, with which the improved model would have an "
-            "error of %(expected).3f. The error is %(measured).3f, so more may be missing." % agrees["error"]
+            "error of %.3f. The error is %.3f, so more may be missing."
+            % (agrees.error.expected, agrees.error.measured)
         )
     return text
 
 
-def bands(report: Document) -> Iterator[str]:
+def bands(report: DiagnosisReport) -> Iterator[str]:
     """Coverage of the prediction bands of the improved model."""
     shares: Dict[float, List[float]] = {}  # by horizon [s]
-    for band in report["bands"]:
-        if band["channel"] in POSE:
-            shares.setdefault(band["horizon"], []).append(band["coverage"])
+    for band in report.bands:
+        if band.channel in POSE:
+            shares.setdefault(band.horizon, []).append(band.coverage)
     if shares:
         yield "The model's 90%% prediction bands contain %s of the held-out poses." % ", ".join(
             "%.0f%% after %.1f s" % (100 * sum(found) / len(found), h) for h, found in shares.items()
         )
 
 
-def left(report: Document) -> Iterator[str]:
+def left(report: DiagnosisReport) -> Iterator[str]:
     """What the grown model leaves: differences between runs, dropped effects, the disturbance."""
-    for found in report["varies"] if report["verdict"] != "varies" else ():
-        yield capital(varying(found)) + "."
-    for found in report["dropped"]:
-        name, why = capital(effect(report, found["effect"])), found["why"]
-        if found["change"]:
+    for differs in report.varies if report.verdict != "varies" else ():
+        yield capital(varying(differs)) + "."
+    for found in report.dropped:
+        name, why = capital(effect(report, found.effect)), found.why
+        if found.change:
             why += ": after %.2g s it moves the predicted pose by %s" % (
-                found["change"]["seconds"],
-                off(found["change"]),
+                found.change.seconds,
+                off(found.change),
             )
         yield "%s was not added: %s." % (name, why)
-    error = report["agreement"]["error"]
-    if error["expected"] ** 2 - (error["noise"] or 0.0) ** 2 < MIN_SHARE * error["measured"] ** 2:
+    error = report.agreement.error
+    if error.expected**2 - error.noise**2 < MIN_SHARE * error.measured**2:
         return  # levels this low are determined by their priors, not by the data
-    levels = report["disturbance"]
+    levels = report.disturbance
     pushes = [
         "%s (correlation time %.2g s) in %s"
         % (quantity(levels["sigma_" + c], unit, 2), levels["time_" + c], where)
@@ -176,84 +168,84 @@ def left(report: Document) -> Iterator[str]:
         )
 
 
-def unexplained(report: Document) -> Iterator[str]:
+def unexplained(report: DiagnosisReport) -> Iterator[str]:
     """An effect that would lower what is left."""
-    proposal = report["unexplained"]["proposal"]
+    proposal = report.unexplained.proposal
     if proposal:
-        values = ["%s = %.4g %s" % (n, p["value"], p["unit"]) for n, p in proposal["parameters"].items()]
-        terms = ["%s = %s" % item for item in proposal["expression"].items()]
-        means, error = capital(proposal.get("means", "a term")), proposal["error"]["heldout"]
+        values = ["%s = %.4g %s" % (n, p.value, p.unit) for n, p in proposal.parameters.items()]
+        terms = ["%s = %s" % item for item in proposal.expression.items()]
+        means, error = capital(proposal.means), number(proposal.error.heldout)
         yield (
-            "%s would lower the cross-validated error to %.3f (%s with %s). It is an effect that can be "
+            "%s would lower the cross-validated error to %s (%s with %s). It is an effect that can be "
             "added, in proposal.yaml." % (means, error, "; ".join(terms), ", ".join(values))
         )
 
 
-def extent(report: Document) -> Iterator[str]:
+def extent(report: DiagnosisReport) -> Iterator[str]:
     """How much of the data was used, if not all."""
-    for key, told in (
-        (
-            "seconds",
-            "Effects were looked for in %(used).0f of %(available).0f s, in which the craft moves most.",
-        ),
-        ("windows", "Errors are of %(used)d of %(available)d windows, spread evenly over the runs."),
-    ):
-        part = report.get(key)  # reports of release 1.0.0 have no seconds
-        if part and part["used"] < part["available"]:
-            yield told % part
+    seconds, windows = report.seconds, report.windows
+    if seconds and seconds.used < seconds.available:
+        yield "Effects were looked for in %.0f of %.0f s, in which the craft moves most." % (
+            seconds.used,
+            seconds.available,
+        )
+    if windows.used < windows.available:
+        yield "Errors are of %d of %d windows, spread evenly over the runs." % (
+            windows.used,
+            windows.available,
+        )
 
 
-def common(report: Document) -> str:
+def common(found: Common) -> str:
     """What runs with the same commands have in common of what is left."""
-    found = report["agreement"]["common"]
-    part = _part({"share": found["share"], "ci95": [found["low"], found["high"]]})
+    part = _part(found.share, found.low, found.high)
     return "runs with the same commands have %s of the missing force in common" % part
 
 
-def pattern(report: Document) -> str:
+def pattern(report: DiagnosisReport) -> str:
     """How what is left differs from a steady random push."""
-    found = report["agreement"]
-    if found.get("frequency"):  # not in reports of release 1.0.0
+    found = report.agreement
+    if found.frequency:
         return (
             "what is left is strongest at %.2g Hz: something seems to swing or turn at this rate, such as a "
-            "fan or an unbalanced motor" % found["frequency"]
+            "fan or an unbalanced motor" % found.frequency
         )
-    if found.get("common") and found["common"]["stands_out"]:
-        return common(report) + ", which no effect of the library and nothing recorded describes"
+    if found.common and found.common.stands_out:
+        return common(found.common) + ", which no effect of the library and nothing recorded describes"
     return "what is left acts at some times or places only, as a draught, a cable or a bad patch of floor do"
 
 
-def evidence(report: Document) -> Iterator[str]:
+def evidence(report: DiagnosisReport) -> Iterator[str]:
     """The lines of --details."""
-    if report["verdict"] == "misread":
+    if report.is_misread:
         return
     yield ceiling(report)
-    sensed = report["runs"].get("inertial", [])
+    sensed = report.runs.inertial
     if sensed:
-        which = "" if len(sensed) == len(report["runs"]["fit"]) else " of " + listed(sensed)
+        which = "" if len(sensed) == len(report.runs.fit) else " of " + listed(sensed)
         yield "The likelihood also takes the craft's gyro and accelerometer%s." % which
     yield from bands(report)
     yield ""
     form = "%4s %9s %9s %9s  %s"
     yield form % ("rank", "p", "dBIC", "crossed", "effect: parameters [95%]")
-    alone = number(report["nominal"]["cross_validated"])
+    alone = number(report.nominal.cross_validated)
     yield form % ("-", "-", "-", alone, "none, refitted by likelihood as all below")
-    for c in report["candidates"][:8]:
-        name = "* " * c["selected"] + effect(report, c["effect"])
-        values = "; ".join(parameters(c["parameters"]))
-        numbers = "%.1g" % c["p_corrected"], "%.0f" % c["delta_bic"], number(c["error"]["heldout"])
-        yield form % (c["rank"], *numbers, "%s: %s" % (name, values))
-    held = is_held_out(report)
+    for c in report.candidates[:8]:
+        name = "* " * c.selected + effect(report, c.effect)
+        values = "; ".join(parameters(c.parameters))
+        numbers = "%.1g" % c.p_corrected, "%.0f" % c.delta_bic, number(c.error.heldout)
+        yield form % (c.rank, *numbers, "%s: %s" % (name, values))
+    held = report.runs.is_held_out
     name = "error on held-out runs:" if held else "cross-validated error:"
-    yield "%-23s %5.3f refitted" % (name, report["nominal"]["error"]["heldout"])
-    for step in report["steps"]:
-        yield "%23s %5.3f + %s" % ("", step["error"]["heldout"], effect(report, step["added"]))
-    yield "%29s noise of the poses alone" % number(report["noise_floor"])
+    yield "%-23s %s refitted" % (name, number(report.nominal.error.heldout))
+    for step in report.steps:
+        yield "%23s %s + %s" % ("", number(step.error.heldout), effect(report, step.added))
+    yield "%29s noise of the poses alone" % number(report.noise_floor)
     if held:
         yield (
             "The cross-validated error of the runs fitted to, each by a fit to the others, is %s without "
             "further effects and %s with those found."
-            % tuple(number(report[kind]["cross_validated"]) for kind in ("nominal", "improved"))
+            % (number(report.nominal.cross_validated), number(report.improved.cross_validated))
         )
     for lines in (risen, extent, left, apart, unexplained):
         yield from lines(report)

@@ -7,7 +7,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import diagnosis, formula_words, horizon, naming, window_error, windows
-from ground.analysis.horizon import PoseError, as_document
+from ground.analysis.horizon import PoseError
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.verdict import Conclusion, conclude
 from ground.checks import suspicions
@@ -246,11 +246,9 @@ def sentences(found: FlightDiagnosis, formulas: Mapping[str, Mapping[str, str]])
         parts = ["%s = %s" % part for part in sorted(formulas[name].items())]
         said.append("The library does not have %s: %s." % (name, ", ".join(parts)))
     if found.conclusion.varies:
-        names = [str(v["parameter"]) for v in found.conclusion.varies]
+        names = [one.parameter for one in found.conclusion.varies]
         said.append("Differs from flight to flight: %s." % ", ".join(names))
-    for label, text in (
-        prediction(as_document(found.conclusion.prediction), "refitted", "improved") if chosen else ()
-    ):
+    for label, text in prediction(found.conclusion.prediction, "refitted", "improved") if chosen else ():
         said.append("%s, without the effects and with them: %s." % (label, text))
     return said
 

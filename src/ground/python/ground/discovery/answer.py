@@ -4,9 +4,11 @@ next."""
 from typing import List, Optional
 
 from ground import _core
+from ground.analysis.horizon import PredictionError
 from ground.discovery import words
 from ground.discovery.story import Story
 from ground.reports.words import capital, listed, prediction
+from ground.support import records
 from ground.support.headline import Line
 
 
@@ -18,12 +20,13 @@ def lines(story: Story, given: Optional[_core.Model], model: str = "", page: str
     if finding:
         best = "improved" if finding.effects else "refitted"
         beside = {"refitted": "refitted without the effects"} if finding.effects else {}
-        head += prediction(finding.prediction, "given", best, **beside)
+        found = finding.prediction and records.read(PredictionError, finding.prediction, "prediction")
+        head += prediction(found or None, "given", best, **beside)
     if story.flights:
         head.append(("Flown", words.effort(story)))
     if model:
-        found = len(finding.effects) if finding else 0
-        head.append(("Model with %s" % ("it" if found == 1 else "them") if found else "Model", model))
+        count = len(finding.effects) if finding else 0
+        head.append(("Model with %s" % ("it" if count == 1 else "them") if count else "Model", model))
     head.append(("Next", _next(story)))
     return head + [("Details", page)] * bool(page)
 

@@ -1,8 +1,10 @@
 """A discovery in sentences."""
 
+import math
 from typing import Callable, Iterator, List, Mapping, Optional, Set, Tuple
 
 from ground import _core
+from ground.analysis.horizon import PoseError
 from ground.discovery import story as tale
 from ground.discovery.story import Finding, Flight, Flown, Story
 from ground.effect_library import candidates
@@ -111,8 +113,7 @@ def error(value: Optional[float]) -> str:
 
 def off(found: Optional[tale.Off]) -> str:
     """How far predicted poses are off: "56 mm, 16 deg"; None: the motion is not finite."""
-    position, heading = found or (None, None)
-    return words.off({"position_mm": position, "heading_deg": heading})
+    return words.off(PoseError(*found) if found else PoseError(math.inf, math.inf))
 
 
 def floor(flight: Flown) -> str:

@@ -114,7 +114,7 @@ class Addition(Shown, Estimated):
         do = "use the model with it" if self.verdict.helps else "keep the model without it"
         return [
             ("Does it help", "%s - %s: %s; %s." % (answer, self.effect, values, self.verdict.reason)),
-            *words.prediction(as_document(self.prediction), "without", "with"),
+            *words.prediction(self.prediction, "without", "with"),
             ("Model with it", (written or "not saved yet") + (" (not better)" if answer == "no" else "")),
             ("Next", do),
         ]

@@ -247,7 +247,7 @@ class Fit(Shown, Plotted, Estimated):
         """Its first lines: what was fitted, how well it predicts, and what to do next."""
         from ground.reports import words
 
-        prediction = words.prediction(as_document(self.prediction), "given", "fitted")
+        prediction = words.prediction(self.prediction, "given", "fitted")
         unknown = [p.name for p in self.parameters.values() if not p.identified]
         told = "%s of %s" % (words.listed(list(self.parameters)), self.model.name)
         if unknown:
@@ -274,7 +274,7 @@ class Fit(Shown, Plotted, Estimated):
     def _next(self, unknown: Sequence[str], written: str) -> str:
         from ground.reports import words
 
-        ratio = words.times_the_mocap(as_document(self.prediction), "fitted")
+        ratio = words.times_the_mocap(self.prediction, "fitted")
         if self.given.doubts:
             return "correct the model that was given, and fit again: %s" % self.given.doubts[0]
         if self.runaway:

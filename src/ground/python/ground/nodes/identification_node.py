@@ -26,10 +26,12 @@ from ground_msgs.srv import Identify, IdentifyRequest, IdentifyResponse
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
+from ground.analysis.horizon import PredictionError
 from ground.diagnosing import answer
+from ground.diagnosing.report import DiagnosisReport
 from ground.reading import messages, recorded_files
 from ground.reports.words import prediction
-from ground.support import files
+from ground.support import files, records
 from ground.support.annotations import Document, Message
 from ground.support.errors import GroundError, sentence
 from ground.support.progress import Report
@@ -296,8 +298,9 @@ def _folder(path: str) -> str:
 def _found(task: str, result: Document) -> str:
     """The result of a task, in a sentence."""
     if task == "diagnose":
-        return answer.title(result)
+        return answer.title(records.read(DiagnosisReport, result, task))
     names = ("given", "fitted") if task == "fit" else ("without", "with")
-    lines = prediction(result["prediction"], *names)
+    found = result["prediction"] and records.read(PredictionError, result["prediction"], task)
+    lines = prediction(found, *names)
     measured = "; ".join("%s: %s" % line for line in lines) or "too short to predict poses"
     return "fitted. " + measured if task == "fit" else "%s added. %s" % (result["effect"], measured)

@@ -5,9 +5,10 @@ from typing import List, Tuple
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench
+from ground.analysis.horizon import PoseError
 from ground.reading.recording import unit
 from ground.reports.words import number, off
-from ground.support.annotations import Document
+from ground.support.annotations import Document, Plotly
 
 MEASURED = _core.palette["measured"]
 MODELS = _core.palette["models"]
@@ -42,18 +43,18 @@ def model_color(index: int) -> str:
     return str(MODELS[index % len(MODELS)])
 
 
-def model_line(index: int, width: float) -> Document:
+def model_line(index: int, width: float) -> Plotly:
     """Line of a model by its number: colour, dashes, width [pixels]."""
     dash = DASHES[(index + index // len(MODELS)) % len(DASHES)]
     return {"color": model_color(index), "dash": dash, "width": width}
 
 
-def model_mark(index: int) -> Document:
+def model_mark(index: int) -> Plotly:
     """Mark of a model by its number."""
     return {"symbol": MARKS[index % len(MARKS)], "color": model_color(index), "size": 5}
 
 
-def thruster_line(index: int, width: float) -> Document:
+def thruster_line(index: int, width: float) -> Plotly:
     """Line of a thruster by its place in the model, constant between the changes of its command."""
     dash = DASHES[index // len(THRUSTERS) % len(DASHES)]
     color = THRUSTERS[index % len(THRUSTERS)]
@@ -87,4 +88,6 @@ def numbers_row(label: str, role: str, numbers: Document) -> List[str]:
 def off_after(numbers: Document) -> str:
     """Horizon and error of a prediction over two thirds of a window; "-" where no run is that long."""
     after = numbers["horizons"][comparison.HORIZONS.index(1.0)]
-    return "%g s: %s" % (after["seconds"], off(after)) if after["starts"] else "-"
+    if not after["starts"]:
+        return "-"
+    return "%g s: %s" % (after["seconds"], off(PoseError(after["position_mm"], after["heading_deg"])))

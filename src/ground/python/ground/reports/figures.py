@@ -10,6 +10,7 @@ import numpy as np
 
 from ground.analysis import bands as bands_of
 from ground.analysis import residuals
+from ground.analysis.horizon import PredictionError
 from ground.reports.appearance import CHANNELS, FLOOR, MEASURED, MODELS, model_color, model_line, wrapped
 from ground.reports.figure_parts import (
     X_AXIS,
@@ -30,28 +31,28 @@ from ground.reports.figure_parts import (
 )
 from ground.reports.panels import Panels
 from ground.reports.words import listed, two_digits
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array, Document, Plotly
 
 LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 
 
 def predictions(
-    found: Document, shown: Sequence[Tuple[str, str]], title: str, fitted: Sequence[str] = ()
-) -> Document:
+    found: PredictionError, shown: Sequence[Tuple[str, str]], title: str, fitted: Sequence[str] = ()
+) -> Plotly:
     """Bars of how far predicted poses are off, and what the mocap alone leaves.
 
-    found: horizon.PredictionError as a dictionary; shown: names and labels of its models, from the top;
-    fitted: labels of those that were fitted to these data.
+    shown: names and labels of its models, from the top; fitted: labels of those that were fitted to these
+    data.
     """
     labels = [wrapped(label, LABEL_WIDTH) for _, label in shown]
     figure = Panels(2, 1, gaps=(0.0, 0.3))
     for row, (key, unit) in enumerate((("position_mm", "mm"), ("heading_deg", "deg")), 1):
-        values = [found["errors"][name][key] for name, _ in shown]
-        known = [v for v in values if v is not None and np.isfinite(v)]
-        floor, most = found["mocap"][key] or 0.0, max(known, default=1.0)
+        values = [getattr(found.errors[name], key) for name, _ in shown]
+        known = [v for v in values if np.isfinite(v)]
+        floor, most = getattr(found.mocap, key), max(known, default=1.0)
         bar = {
             "type": "bar",
-            "x": short([min(v, most) if v is not None else most for v in values]),
+            "x": short([min(v, most) for v in values]),
             "y": labels,
             "orientation": "h",
             "text": ["%s %s" % (two_digits(v), unit) if v in known else "not finite" for v in values],
@@ -64,8 +65,10 @@ def predictions(
         figure.add(bar, row, 1)
         figure.span(floor, floor, row, 1, line={"color": FLOOR, "dash": "dash", "width": 2})
         text = "the mocap alone: %s %s" % (two_digits(floor), unit)
-        style: Document = {"yanchor": "bottom", "xanchor": "left"}
-        figure.note(text, floor, 1, row, 1, xref=figure.axis("x", 1, row), font={"color": FLOOR}, **style)
+        figure.note(
+            text, floor, 1, row, 1, xref=figure.axis("x", 1, row), font={"color": FLOOR},
+            yanchor="bottom", xanchor="left",
+        )  # fmt: skip
         figure.update_xaxes(row, 1, range=[0, 1.35 * max(most, floor)], ticksuffix=" " + unit)
     figure.update_yaxes(autorange="reversed", automargin=True)
     lines = sum(1 + label.count("<br>") for label in labels)
@@ -78,11 +81,12 @@ def predictions(
     return figure.finish(height, caption, {"t": 30, "b": 30, "l": 20, "r": 20}, title=title)
 
 
-def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) -> Document:
+def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None, caption: str = "") -> Plotly:
     """Velocities and commands over time and the path from above, of every model.
 
-    bands: the last model's, drawn behind the velocities. A study may have a `band` of its prediction: its
-    `level`, and `low` and `high` (k, 6) for each of its pieces; it is drawn about the path, too.
+    bands: the last model's, drawn behind the velocities; caption: in place of the usual one. A study may have
+    a `band` of its prediction: its `level`, and `low` and `high` (k, 6) for each of its pieces; it is drawn
+    about the path, too.
     """
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
@@ -108,8 +112,8 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
     figure.update_xaxes(range=[float(times[0]), float(times[-1])], col=1)
     figure.update_xaxes(title=Y_AXIS, row=1, col=2)
     figure.update_yaxes(title=X_AXIS, scaleanchor="x2", row=1, col=2)
-    figure.layout["hovermode"] = "x"
-    return figure.finish(713, _motion_caption(run, every.step, bands), title=motion_title(studies))
+    caption = caption or _motion_caption(run, every.step, bands)
+    return figure.finish(713, caption, title=motion_title(studies), hovermode="x")
 
 
 def motion_title(studies: Sequence[Document]) -> str:
@@ -133,7 +137,7 @@ def _pieces(study: Document) -> List[Document]:
 
 
 def _add_motion(
-    figure: Panels, series: Sequence[Array], name: str, line: Document, opacity: float = 1.0
+    figure: Panels, series: Sequence[Array], name: str, line: Plotly, opacity: float = 1.0
 ) -> None:
     """Adds velocities over time and the path; series: times, velocities and poses."""
     times, nu, eta = series
@@ -200,7 +204,7 @@ def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str
     return caption
 
 
-def residual_correlation(studies: Sequence[Document]) -> Document:
+def residual_correlation(studies: Sequence[Document]) -> Plotly:
     """Correlation of one-step residuals of every model with themselves and with the commands."""
     columns = {"autocorrelation": "itself", **residuals.commands(studies[0]["model"])}
     figure = Panels(

@@ -1,14 +1,15 @@
 """Numbers, lists and sentences as text."""
 
 import math
-from typing import List, Mapping, Optional
+from typing import List, Optional, Union
 
-from ground.support.annotations import Document
+from ground.analysis.horizon import PoseError, PredictionChange, PredictionError
 from ground.support.headline import Line
 
 # Least ratio to what the mocap alone leaves from which something is missing: above the scatter of some seven
 # independent predictions
 MISSING = 2.0
+LEAST = 1e-9  # error that is as good as none [mm], [deg]
 MATTERS = 1.2  # least ratio to what the mocap alone leaves at which the random disturbance is named
 
 
@@ -32,12 +33,11 @@ def sentence(text: str) -> str:
     return capital(text.strip()) + ("" if text.rstrip().endswith((".", "!", "?")) else ".")
 
 
-def off(error: Mapping[str, Optional[float]]) -> str:
+def off(error: Union[PoseError, PredictionChange]) -> str:
     """How far predicted poses are off: "56 mm, 16 deg"."""
-    position, heading = error["position_mm"], error["heading_deg"]
-    if position is None or heading is None or not math.isfinite(position + heading):
+    if not math.isfinite(error.position_mm + error.heading_deg):
         return "not finite"
-    return "%s, %s deg" % (millimetres(position), two_digits(heading))
+    return "%s, %s deg" % (millimetres(error.position_mm), two_digits(error.heading_deg))
 
 
 def millimetres(value: float) -> str:
@@ -50,42 +50,40 @@ def two_digits(value: float) -> str:
     return "%.0f" % value if value >= 99.5 else "%.2g" % value
 
 
-def after(found: Document) -> str:
+def after(seconds: float) -> str:
     """The label of predictions: "Prediction after 1 s"."""
-    return "Prediction after %.3g s" % found["seconds"]
+    return "Prediction after %.3g s" % seconds
 
 
-def prediction(found: Optional[Document], first: str, last: str, **beside: str) -> List[Line]:
-    """The line on how far predicted poses are off with the models `first` and `last` of a
-    horizon.PredictionError, as a dictionary; beside: words for others of its models. Nothing where runs are
-    too short."""
+def prediction(found: Optional[PredictionError], first: str, last: str, **beside: str) -> List[Line]:
+    """The line on how far predicted poses are off with the models `first` and `last`; beside: words for
+    others of the models. Nothing where runs are too short."""
     if found is None:
         return []
-    errors = found["errors"]
-    notes = [("the mocap alone", found["mocap"])]
-    if found["disturbed"] and any(
-        (found["disturbed"][key] or 0) > MATTERS * (found["mocap"][key] or 0) for key in found["mocap"]
+    notes = [("the mocap alone", found.mocap)]
+    if found.disturbed and (
+        found.disturbed.position_mm > MATTERS * found.mocap.position_mm
+        or found.disturbed.heading_deg > MATTERS * found.mocap.heading_deg
     ):
-        notes.append(("with the random disturbance", found["disturbed"]))
-    notes += [(words, errors[name]) for name, words in beside.items() if name in errors]
-    shown = " -> ".join(off(errors[name]) for name in dict.fromkeys((first, last)))
+        notes.append(("with the random disturbance", found.disturbed))
+    notes += [(words, found.errors[name]) for name, words in beside.items() if name in found.errors]
+    shown = " -> ".join(off(found.errors[name]) for name in dict.fromkeys((first, last)))
     told = "; ".join("%s: %s" % (what, off(error)) for what, error in notes)
-    return [(after(found), "%s (%s)" % (shown, told))]
+    return [(after(found.seconds), "%s (%s)" % (shown, told))]
 
 
-def times_the_mocap(found: Optional[Document], name: str) -> float:
+def times_the_mocap(found: Optional[PredictionError], name: str) -> float:
     """How many times what the mocap alone leaves a model's predicted poses are off; not a number where it is
     not known."""
     if found is None:
         return math.nan
-    error, least = found["errors"][name], found["mocap"]
-    return max(ratio({key: error[key]}, {key: least[key]}) for key in least)
+    error, least = found.errors[name], found.mocap
+    return max(
+        error.position_mm / max(least.position_mm, LEAST), error.heading_deg / max(least.heading_deg, LEAST)
+    )
 
 
-def ratio(larger: Mapping[str, Optional[float]], smaller: Mapping[str, Optional[float]]) -> float:
+def ratio(larger: PoseError, smaller: PoseError) -> float:
     """Ratio of two errors of predicted poses: the geometric mean of position and heading."""
-    ratios = [
-        (math.inf if larger[key] is None else larger[key]) / max(smaller[key] or 0.0, 1e-9)  # type: ignore
-        for key in larger
-    ]
-    return float(math.prod(ratios) ** (1 / len(ratios)))
+    position = larger.position_mm / max(smaller.position_mm, LEAST)
+    return math.sqrt(position * larger.heading_deg / max(smaller.heading_deg, LEAST))

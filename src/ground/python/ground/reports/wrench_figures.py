@@ -21,10 +21,10 @@ from ground.reports.figure_parts import (
 )
 from ground.reports.panels import Panels
 from ground.reports.words import capital
-from ground.support.annotations import Document
+from ground.support.annotations import Document, Plotly
 
 
-def wrench_over_time(studies: Sequence[Document]) -> Document:
+def wrench_over_time(studies: Sequence[Document]) -> Plotly:
     """The missing wrench of every model over time, with two standard deviations of the first one's, the
     commands, the force that they produce, and the mean missing force by place."""
     figure = Panels(4, 2, [0.72, 0.28], [0.28, 0.28, 0.28, 0.16], gaps=(0.075, 0.03), tall=[2], shared="x")
@@ -44,7 +44,7 @@ def wrench_over_time(studies: Sequence[Document]) -> Document:
                 figure.add(deviations, row + 1, 1)
             trace = curve(at, values, study["label"], model_line(count, 1.4), row == 0)
             figure.add(trace, row + 1, 1)
-        axis: Document = {"title": "%s<br>[%s]" % (label, unit), **ZERO_LINE}
+        axis: Plotly = {"title": "%s<br>[%s]" % (label, unit), **ZERO_LINE}
         if reach > 0:
             axis["range"] = [-reach, reach]
         figure.update_yaxes(row=row + 1, col=1, **axis)

@@ -23,7 +23,7 @@ from ground.ledger import figures as history_figures
 from ground.ledger.result import History
 from ground.reading.recording import VELOCITY, Recording
 from ground.reports import figures, run_figures, tracking_figures, wrench_figures
-from ground.support.annotations import Document
+from ground.support.annotations import Document, Plotly
 from ground.support.errors import GroundError
 
 Makers = Dict[str, Callable[[], Any]]  # documents of plotly
@@ -116,7 +116,7 @@ def _of_recording(result: Recording) -> Makers:
 @_makers.register(Prediction)
 def _of_prediction(result: Prediction) -> Makers:
 
-    def motion() -> Document:
+    def motion() -> Plotly:
         study = _study(result.run, result.model.core, result.model.label, result)
         sizes = np.abs(result.residuals[:, 3:]).mean(axis=0) / np.array(result.run.nu).std(axis=0)
         study["numbers"] = {"error": sizes.sum(), "error_by_channel": dict(zip(VELOCITY, sizes))}
@@ -124,11 +124,10 @@ def _of_prediction(result: Prediction) -> Makers:
             at = np.flatnonzero(np.diff(result.start)) + 1
             ends = {"low": np.split(result.low, at), "high": np.split(result.high, at)}
             study["band"] = {"level": result.band, **ends}
-        made = figures.motion([study])
         how = "again and again for %.3g s" if result.starts > 1 else "once, for %.3g s"
         shaded = "" if result.band is None else " Shaded: band of %.0f%%." % (100 * result.band)
-        made["layout"]["meta"] = "Predicted %s.%s %s" % (how % result.horizon, shaded, result)
-        return made
+        caption = "Predicted %s.%s %s" % (how % result.horizon, shaded, result)
+        return figures.motion([study], caption=caption)
 
     return {
         "motion": motion,
@@ -140,7 +139,7 @@ def _of_prediction(result: Prediction) -> Makers:
 def _of_fit(result: Fit) -> Makers:
     core, names = result.model.core, list(result.parameters)
 
-    def motion(run: _core.RunData) -> Document:
+    def motion(run: _core.RunData) -> Plotly:
         evaluated = comparison.evaluate(run, core)
         study = _study(run, core, "the fitted model", evaluated)
         return figures.motion([{**study, "numbers": comparison.numbers([evaluated])}])
@@ -168,7 +167,7 @@ def _of_comparison(result: Comparison) -> Makers:
 @_makers.register(Diagnosis)
 def _of_diagnosis(result: Diagnosis) -> Makers:
     drawn = result.drawn
-    made = _errors(diagnosing_page.predictions(result.report))
+    made = _errors(diagnosing_page.predictions(result.contents))
     if drawn is not None:
         for number, run in enumerate([*drawn.runs, *drawn.held]):
             inspected = functools.lru_cache(maxsize=None)(functools.partial(_inspected, drawn, number))
@@ -214,7 +213,7 @@ def _of_history(result: History) -> Makers:
     }
 
 
-def _errors(found: Optional[Document]) -> Makers:
+def _errors(found: Optional[Plotly]) -> Makers:
     """The figure of how far predicted poses are off, where runs are long enough."""
     return {} if found is None else {"errors": functools.partial(dict, found)}
 
