@@ -16,6 +16,7 @@ Prints a line for each, with 95% intervals (Clopper and Pearson 1934). Cases fol
 
 import argparse
 import csv
+import dataclasses
 import json
 import os
 import resource
@@ -105,9 +106,9 @@ def found_in(pool, seed, fall):
     at = free.index("k")
     runs = []
     for i, factor in zip(random.choice(len(pool), RUNS, replace=False), thrusts(random, fall)):
-        one = dict(pool[i], coordinates=list(pool[i]["coordinates"]))
-        one["coordinates"][at] *= factor
-        runs.append(one)
+        moved = list(pool[i].coordinates)
+        moved[at] *= factor
+        runs.append(dataclasses.replace(pool[i], coordinates=moved))
     days = ["day %02d" % (i // A_DAY) for i in range(RUNS)]
     made = analysed.analyse(model, runs, ["craft"] * RUNS, days, TOLERANCE)
     return [
@@ -187,11 +188,11 @@ def _pool(team, given):
     """The estimates of the pool, from its file where it is there."""
     if given.pool and os.path.exists(given.pool):
         with open(given.pool) as file:
-            return json.load(file)
+            return [estimates.RunEstimate(**one) for one in json.load(file)]
     pool = list(team.map(estimated, range(given.runs)))
     if given.pool:
         with open(given.pool, "w") as file:
-            json.dump(pool, file)
+            json.dump([dataclasses.asdict(one) for one in pool], file)
     return pool
 
 

@@ -2,8 +2,8 @@
 
 import itertools
 import os
-from dataclasses import asdict, dataclass, replace
-from typing import Dict, List, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -11,15 +11,17 @@ from ground.analysis.distributions import normal_limit
 from ground.effect_library.parameters import described
 from ground.ledger import changes, estimates, hierarchy
 from ground.ledger.changes import ParameterChange, Series
+from ground.ledger.estimates import RunEstimate
 from ground.ledger.hierarchy import Levels, Runs
 from ground.models import Model
-from ground.support.annotations import Array, Document, Indices
+from ground.support.annotations import Array, Indices
 from ground.support.origin import digest
 
 CHANCE = 0.02  # of any false change, or any false odd craft, in all parameters and crafts of a type
 TESTS = 2  # for each parameter and craft: does it drift, does it jump
 THRUST = ("k", "thruster_gain_")  # begins of the names of thrusts, which age first: they get half of CHANCE
 FAR = 3.0  # an odd craft is this many times as far off as the others are apart
+Ends = List[Optional[float]]  # low and high of a 95% interval; None: beyond all values
 
 
 @dataclass(frozen=True)
@@ -67,31 +69,31 @@ class Analysed:
         known = described(self.model.core)[name]
         return float(np.clip(1 / x if flip and x else x, known.lower, known.upper))
 
-    def interval(self, parameter: int, coordinate: float, low: float, high: float) -> Document:
-        """Value and interval of a coordinate, an end that is beyond all values is null."""
+    def interval(self, parameter: int, coordinate: float, low: float, high: float) -> Tuple[float, Ends]:
+        """Value and interval of a coordinate."""
         flip = estimates.reciprocal(self.model.core, self.free)[parameter]
         ends = [None if flip and end <= 0 else self.value(parameter, end) for end in (low, high)]
-        return {"value": self.value(parameter, coordinate), "ci95": ends[::-1] if flip else ends}
+        return self.value(parameter, coordinate), ends[::-1] if flip else ends
 
 
 def analyse(
-    model: Model, found: Sequence[Document], crafts: Sequence[str], days: Sequence[str], tolerance: float
+    model: Model, found: Sequence[RunEstimate], crafts: Sequence[str], days: Sequence[str], tolerance: float
 ) -> Analysed:
     """Analyses the estimates of the runs of a type, in order of time. crafts, days: of each run; tolerance:
     difference between crafts, in scales, that is none."""
     names = sorted(set(crafts))
     pairs = list(zip(crafts, days))
     ordered = sorted(set(pairs))
-    y = np.array([one["coordinates"] for one in found], float)
+    y = np.array([one.coordinates for one in found], float)
     runs = Runs(
         y,
-        np.array([one["information"] for one in found], float),
+        np.array([one.information for one in found], float),
         np.array([names.index(craft) for craft in crafts]),
         np.array([ordered.index(pair) for pair in pairs]),
     )
     levels = hierarchy.fit(runs)
     each, known = hierarchy.one_by_one(runs, levels)
-    free, scale = list(found[0]["free"]), np.array(found[0]["scale"])
+    free, scale = list(found[0].free), np.array(found[0].scale)
     nothing = np.full(y.shape, np.nan)
     made = Analysed(model, free, scale, names, runs, levels, each, known, {}, nothing, [])
     made, shifts = _with_changes(made)
@@ -118,16 +120,23 @@ def _with_changes(made: Analysed) -> Tuple[Analysed, Array]:
     return replace(made, changes=found, curves=curves), shifts
 
 
+@dataclass(frozen=True)
+class KeptChanges:
+    """The changes of a series, as the cache has them."""
+
+    changes: List[ParameterChange]
+
+
 def _changes(series: Series, level: float) -> List[ParameterChange]:
     """The changes of a series, from the cache where they are known."""
     parts = [array.tobytes() for array in (series.values, series.variance, series.day)]
     key = digest([*parts, b"%g %d" % (level, estimates.KEPT)])
     path = os.path.join(estimates.cache_folder(), "changes-%s.json" % key)
-    found = estimates.kept(path)
+    found = estimates.kept(KeptChanges, path)
     if found is None:
-        found = {"content": key, "changes": [asdict(one) for one in changes.find(series, level)]}
+        found = KeptChanges(changes.find(series, level))
         estimates.keep(path, found)
-    return [ParameterChange(**one) for one in found["changes"]]
+    return found.changes
 
 
 def _odd(levels: Levels, tolerance: float) -> List[Odd]:

@@ -7,8 +7,8 @@ does not show has little information, not an error. Estimates are kept by the co
 
 import json
 import os
-from dataclasses import dataclass
-from typing import Optional, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import List, Optional, Sequence, Tuple, Type, TypeVar
 
 import numpy as np
 
@@ -20,8 +20,8 @@ from ground.effect_library.parameters import described
 from ground.models import Model
 from ground.reading import readers, recorded_files
 from ground.reading.mapping import FieldMapping
-from ground.support import files
-from ground.support.annotations import Array, Document
+from ground.support import files, records
+from ground.support.annotations import Array
 from ground.support.errors import GroundError, sentence
 from ground.support.origin import digest, digest_of_files
 
@@ -29,7 +29,8 @@ ASYMMETRY, LAGS = "thrust_asymmetry", ("motor_lag", "input_delay")  # effects th
 TRIMS = ("trim_X", "trim_Y", "trim_N")  # what differs between runs and is no parameter
 OFFSET, OFFSET_EFFECT = "offset", "heading_offset"  # a suspicion, and the effect that it may be
 MOST = 60.0  # of longer runs this much is used [s]
-KEPT = 5  # version of what the cache has
+KEPT = 6  # version of what the cache has
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,29 @@ class EstimateTask:
     as_recorded: bool
     model: str = ""
     free: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RunEstimate:
+    """The likeliest parameters of a run."""
+
+    free: List[str]  #: names of the parameters
+    scale: List[float]  #: unit of each coordinate
+    coordinates: List[float]
+    information: List[List[float]]  #: matrix about the coordinates
+    length: float  #: of what was used [s]
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """What a run recorded, and its estimate if there is a model."""
+
+    content: str = ""  #: digest
+    first_stamp: float = 0.0  #: of the poses [s]
+    model_name: Optional[str] = None  #: of the file of the model that was recorded
+    model: Optional[str] = None  #: text of that file
+    estimate: Optional[RunEstimate] = None
+    failed: str = ""  #: why the run cannot be used
 
 
 def cache_folder() -> str:
@@ -71,51 +95,50 @@ def followed(model: Model, wanted: Optional[Sequence[str]] = None) -> Tuple[Mode
     return model, tuple(name for name in known if not wanted or name in wanted)
 
 
-def looked_at(task: EstimateTask) -> Document:
-    """What a run recorded, and its estimate if it is wanted, from the cache where they are known. A run that
-    cannot be used has the reason under `failed`."""
+def looked_at(task: EstimateTask) -> RecordedRun:
+    """What a run recorded, and its estimate if it is wanted, from the cache where they are known."""
     try:
         content = digest_of_files(recorded_files.contents(task.path, task.mapping))
         parts = [content, repr(task.mapping), task.model, *task.free, task.as_recorded, _core.version, KEPT]
         path = os.path.join(cache_folder(), digest(str(part).encode() for part in parts) + ".json")
-        found = kept(path)
+        found = kept(RecordedRun, path)
         if found is None:
-            found = {"content": content, **_computed(task)}
+            found = _computed(task, content)
             keep(path, found)
         return found
     except (GroundError, OSError) as error:
-        return {"failed": sentence(error)}
+        return RecordedRun(failed=sentence(error))
 
 
-def kept(path: str) -> Optional[Document]:
-    """A document of the cache; None where there is none, or it is damaged."""
+def kept(kind: Type[_T], path: str) -> Optional[_T]:
+    """A dataclass that the cache has; None where it has none, or it is damaged."""
     try:
         with open(path) as file:
-            found: Document = json.load(file)
-    except (OSError, ValueError):
+            return records.read(kind, json.load(file), path)
+    except (OSError, ValueError, GroundError):
         return None
-    return found if isinstance(found, dict) and "content" in found else None
 
 
-def keep(path: str, found: Document) -> None:
-    """Keeps a document if it can: a cache that cannot be written only costs time."""
+def keep(path: str, found: object) -> None:
+    """Keeps a dataclass if it can: a cache that cannot be written only costs time."""
     try:
         os.makedirs(os.path.dirname(path), exist_ok=True)
-        files.write_json(path, found, force=True)
+        files.write_json(path, records.plain(found), force=True)
     except (GroundError, OSError):
         pass
 
 
-def _computed(task: EstimateTask) -> Document:
+def _computed(task: EstimateTask, content: str) -> RecordedRun:
     """GroundErrors of the run itself become `failed`, which the cache keeps, too."""
     try:
         recording = readers.read(task.path, task.mapping)
         flown = recording.files.get("model")
-        recorded = {
-            "first_stamp": float(np.min(recording.pose_times)),
-            "model_name": recording.flown_by.get("model"),
-            "model": flown.text if flown else None,
-        }
+        recorded = RecordedRun(
+            content,
+            float(np.min(recording.pose_times)),
+            recording.flown_by.get("model"),
+            flown.text if flown else None,
+        )
         if not task.model:
             return recorded
         model = Model.parse(task.model, "the model of %s" % task.path)
@@ -127,27 +150,25 @@ def _computed(task: EstimateTask) -> Document:
                 raise GroundError("%s; --as-recorded uses it as it is" % one.sentence)
         run = quality.repaired(recording)
         start = run.spans[0][0] if run.spans else 0.0
-        return {**recorded, **estimate(run.data(model.core, end=start + MOST), model.core, task.free)}
+        used = run.data(model.core, end=start + MOST)
+        return replace(recorded, estimate=estimate(used, model.core, task.free))
     except GroundError as error:
-        return {"failed": sentence(error)}
+        return RecordedRun(content, failed=sentence(error))
 
 
-def estimate(run: _core.RunData, model: _core.Model, free: Sequence[str]) -> Document:
-    """The likeliest parameters of a run: `coordinates` (in units of `scale`) and their information matrix,
-    and the length [s] of what was used. GroundError when the model cannot be simulated."""
+def estimate(run: _core.RunData, model: _core.Model, free: Sequence[str]) -> RunEstimate:
+    """The likeliest parameters of a run. GroundError when the model cannot be simulated."""
     fit = Likelihood([run], model, TRIMS).fit(model, list(free))
     values = np.array([fit.model.value(name) for name in free])
     values[reciprocal(model, free)] **= -1
     information = np.where(np.isfinite(fit.information), fit.information, 0.0)
-    return {
-        "free": list(free),
-        "scale": fit.scale.tolist(),
-        "coordinates": (values / fit.scale).tolist(),
-        "information": (0.5 * (information + information.T)).tolist(),
-        "length": float(run.times[-1] - run.times[0]),
-        "converged": bool(fit.converged),
-        "trim": np.asarray(fit.trims[0]["wrench"]).tolist(),
-    }
+    return RunEstimate(
+        list(free),
+        fit.scale.tolist(),
+        (values / fit.scale).tolist(),
+        (0.5 * (information + information.T)).tolist(),
+        float(run.times[-1] - run.times[0]),
+    )
 
 
 def reciprocal(model: _core.Model, names: Sequence[str]) -> Array:

@@ -7,13 +7,13 @@ content of the run and the model, so that the next call fits new runs only.
 
 import argparse
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Dict, Iterable, List, Optional, Sequence, Tuple, Union
 
 from ground.data import bag_arguments
-from ground.ledger import analysed, document, estimates, finding, verdicts
-from ground.ledger.analysed import Analysed
-from ground.ledger.estimates import EstimateTask
+from ground.ledger import analysed, contents, estimates, finding, verdicts
+from ground.ledger.contents import LeftOut, TypeHistory, UsedRun
+from ground.ledger.estimates import EstimateTask, RecordedRun
 from ground.ledger.finding import Place
 from ground.ledger.result import History, prepare
 from ground.models import Model, ModelLike
@@ -94,28 +94,28 @@ def history(
     look = functools.partial(_looked_at, mapping, options, work)
     runs, left_out = _runs(places, look([place.path for place in places], options.model))
     if not runs:
-        raise GroundError("%(path)s: %(why)s" % left_out[0])
-    crafts_by = _add_crafts(runs, options.craft)
-    by_type = _types(runs, options)
+        raise GroundError("%s: %s" % (left_out[0].path, left_out[0].why))
+    names = [run.found.model_name for run in runs]
+    crafts, crafts_by = finding.crafts([run.place for run in runs], names, options.craft)
+    by_type = _types([replace(run, craft=craft) for run, craft in zip(runs, crafts)], options)
     if options.model is None:
         for model, own in by_type:
-            for run, fitted in zip(own, look([run["path"] for run in own], model)):
-                run["_found"] = fitted
-    found: List[Tuple[Analysed, List[Document]]] = []
+            fitted = look([run.place.path for run in own], model)
+            own[:] = [replace(run, found=found) for run, found in zip(own, fitted)]
+    types: List[TypeHistory] = []
     with work.stage(TOGETHER, len(by_type)):
         for model, own in work.each(by_type):
-            usable = [run for run in own if "failed" not in run["_found"]]
-            left_out += [_unused(r["path"], r["_found"]["failed"]) for r in own if "failed" in r["_found"]]
+            usable = [run for run in own if not run.found.failed]
+            left_out += [LeftOut.of(run.place.path, run.found.failed) for run in own if run.found.failed]
             if usable:
-                found.append(_together(model, usable, options))
-    if not found:
-        raise GroundError("%(path)s: %(why)s; none of the runs can be used" % left_out[0])
+                types.append(_together(model, usable, options))
+    if not types:
+        why = "%s: %s; none of the runs can be used"
+        raise GroundError(why % (left_out[0].path, left_out[0].why))
     known = verdicts.read(diagnoses)
     if options.verdicts:
         known = verdicts.again(known, [place.path for place in places], mapping, work)
-    types = [one for one, _ in found]
-    report = document.of(paths, crafts_by, types, [own for _, own in found], left_out, known)
-    return History(report)
+    return History(contents.of(paths, crafts_by, types, left_out, known))
 
 
 def _looked_at(
@@ -124,8 +124,8 @@ def _looked_at(
     work: Work,
     paths: Sequence[str],
     model: Optional[ModelLike],
-) -> List[Document]:
-    """What runs recorded, with their estimates if there is a model (estimates.looked_at)."""
+) -> List[RecordedRun]:
+    """What runs recorded, with their estimates if there is a model."""
     text, stage = "", LOOKING
     free: Tuple[str, ...] = ()
     if model is not None:
@@ -136,78 +136,59 @@ def _looked_at(
         return list(work.each(Workers(processes=True).map(estimates.looked_at, tasks)))
 
 
-def _unused(path: str, why: str) -> Document:
-    return {"path": path, "why": why.replace(path + ": ", "")}
-
-
-def _runs(places: Sequence[Place], recorded: Sequence[Document]) -> Tuple[List[Document], List[Document]]:
+def _runs(places: Sequence[Place], recorded: Sequence[RecordedRun]) -> Tuple[List[UsedRun], List[LeftOut]]:
     """The runs in order of time, and those that are left out: what cannot be read, and copies."""
-    runs: List[Document] = []
-    left_out: List[Document] = []
-    contents: Dict[str, str] = {}
+    runs: List[UsedRun] = []
+    left_out: List[LeftOut] = []
+    first: Dict[str, str] = {}  # path by content
     for place, found in zip(places, recorded):
-        if "failed" in found:
-            left_out.append(_unused(place.path, found["failed"]))
-        elif found["content"] in contents:
-            left_out.append(_unused(place.path, "a copy of %s" % contents[found["content"]]))
+        if found.failed:
+            left_out.append(LeftOut.of(place.path, found.failed))
+        elif found.content in first:
+            left_out.append(LeftOut.of(place.path, "a copy of %s" % first[found.content]))
         else:
-            contents[found["content"]] = place.path
-            at, source = finding.recorded_at(place, found["first_stamp"])
-            told = {"path": place.path, "recorded": at.isoformat(timespec="seconds"), "time_from": source}
-            runs.append({**told, "_place": place, "_found": found})
-    names = [place.name for place in (run["_place"] for run in runs)]
-    for run, name in zip(runs, distinct_labels(names, [run["path"] for run in runs])):
-        run["name"] = name
-    return sorted(runs, key=lambda run: (run["recorded"], run["path"])), left_out
+            first[found.content] = place.path
+            at, source = finding.recorded_at(place, found.first_stamp)
+            runs.append(UsedRun(place, found, at.isoformat(timespec="seconds"), source))
+    names = distinct_labels([run.place.name for run in runs], [run.place.path for run in runs])
+    named = [replace(run, name=name) for run, name in zip(runs, names)]
+    return sorted(named, key=lambda run: (run.recorded, run.place.path)), left_out
 
 
-def _add_crafts(runs: Sequence[Document], how: Optional[str]) -> str:
-    """Adds the craft of each run; how it was found."""
-    crafts, crafts_by = finding.crafts(
-        [r["_place"] for r in runs], [r["_found"]["model_name"] for r in runs], how
-    )
-    for run, craft in zip(runs, crafts):
-        run["craft"] = craft
-    return crafts_by
-
-
-def _types(runs: Sequence[Document], options: HistoryOptions) -> List[Tuple[Model, List[Document]]]:
+def _types(runs: List[UsedRun], options: HistoryOptions) -> List[Tuple[Model, List[UsedRun]]]:
     """The models, each with its runs: the given one with all, else of each title the recorded one with the
     most effects, the earliest of these, so that new runs do not change what old ones are fitted with."""
     if options.model is not None:
-        return [(Model.of(options.model), list(runs))]
-    texts = [run["_found"]["model"] for run in runs]
-    without = [run["path"] for run, text in zip(runs, texts) if not text]
+        return [(Model.of(options.model), runs)]
+    without = [run.place.path for run in runs if not run.found.model]
     if without:
         raise GroundError(
             "%s: no model was recorded with this run (%d of %d have none); --model names the crafts' model"
             % (without[0], len(without), len(runs))
         )
     parsed: Dict[str, Model] = {}
-    by_title: Dict[str, Tuple[List[Model], List[Document]]] = {}
-    for run, text in zip(runs, texts):
+    by_title: Dict[str, Tuple[List[Model], List[UsedRun]]] = {}
+    for run in runs:
+        text = run.found.model or ""
         if text not in parsed:
-            parsed[text] = Model.parse(text, "the model recorded with %s" % run["path"])
+            parsed[text] = Model.parse(text, "the model recorded with %s" % run.place.path)
         models, own = by_title.setdefault(parsed[text].name, ([], []))
         models.append(parsed[text])
         own.append(run)
     return [(max(models, key=lambda model: len(model.effects)), own) for models, own in by_title.values()]
 
 
-def _together(
-    model: Model, usable: Sequence[Document], options: HistoryOptions
-) -> Tuple[Analysed, List[Document]]:
-    """The analysis of the runs of a type, and what is known of each of them."""
+def _together(model: Model, usable: Sequence[UsedRun], options: HistoryOptions) -> TypeHistory:
+    """The analysis of the runs of a type."""
     extended, _ = estimates.followed(model, options.free)
     made = analysed.analyse(
         Model(extended.core, model.path),
-        [run["_found"] for run in usable],
-        [run["craft"] for run in usable],
-        [run["recorded"][:10] for run in usable],
+        [run.found.estimate for run in usable if run.found.estimate],
+        [run.craft for run in usable],
+        [run.recorded[:10] for run in usable],
         options.tolerance,
     )
-    kept = ("name", "path", "recorded", "time_from")
-    return made, [{**{key: run[key] for key in kept}, "length": run["_found"]["length"]} for run in usable]
+    return TypeHistory(made, usable)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

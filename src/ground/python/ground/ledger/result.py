@@ -1,14 +1,15 @@
 """A history: its numbers, its lines of text, and the folder in which it is kept."""
 
 import csv
+import functools
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Iterator, List, Sequence
 
 from ground.ledger import words
-from ground.ledger.document import SCHEMA
+from ground.ledger.contents import SCHEMA, HistoryContents
 from ground.reports import result_folder
-from ground.support import files
+from ground.support import files, records
 from ground.support.annotations import Document, Path
 from ground.support.headline import Line
 from ground.support.results import Plotted, Shown
@@ -31,8 +32,13 @@ class History(Shown, Plotted):
     True
     """
 
-    #: everything, as history.json has it; docs/schemas/history.schema.json explains the keys
-    report: Document
+    contents: HistoryContents
+
+    @functools.cached_property
+    def report(self) -> Document:
+        """Everything, as history.json has it; docs/schemas/history.schema.json explains the keys."""
+        found: Document = records.plain(self.contents)
+        return found
 
     @property
     def changes(self) -> List[Document]:
@@ -64,19 +70,20 @@ class History(Shown, Plotted):
     @classmethod
     def load(cls, folder: Path) -> "History":
         """The history in a folder. GroundError when it cannot be read."""
-        return cls(result_folder.read(folder, "history.json", SCHEMA))
+        document = result_folder.read(folder, FILES[1], SCHEMA)
+        return cls(records.read(HistoryContents, document, FILES[1]))
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: what changed, which craft is odd, and what to do next."""
-        return words.lines(self.report, written)
+        return words.lines(self.contents, written)
 
     def table(self) -> Iterator[str]:
         """The crafts as they are now."""
-        yield from words.crafts(self.report)
+        return words.crafts(self.contents)
 
     def details(self) -> Iterator[str]:
         """All changes, and a line for each run."""
-        return words.evidence(self.report)
+        return words.evidence(self.contents)
 
     def to_dict(self) -> Document:
         """Plain values, as history.json has them."""
@@ -92,13 +99,13 @@ class History(Shown, Plotted):
 
     def _rows(self) -> Iterator[Sequence[Any]]:
         """A header, and a row for each run."""
-        names = list(dict.fromkeys(name for kind in self.report["types"] for name in kind["parameters"]))
+        names = list(dict.fromkeys(name for kind in self.contents.types for name in kind.parameters))
         yield ["run", *OF_RUN, *(name + end for name in names for end in ("", " low", " high"))]
-        for run in self.runs:
-            row = [run["name"], *(run[key] for key in OF_RUN)]
+        for run in self.contents.runs:
+            row = [run.name, run.recorded, run.craft, run.type, run.length]
             for name in names:
-                found = run["parameters"].get(name)
-                row += [found["value"], *found["ci95"]] if found else [None] * 3
+                found = run.parameters.get(name)
+                row += [found.value, *found.ci95] if found else [None] * 3
             yield row
 
     def save(self, folder: Path, force: bool = False) -> str:
@@ -107,15 +114,14 @@ class History(Shown, Plotted):
         place = os.fspath(folder)
         page_file, numbers, _ = prepare(place, force)
         with result_folder.replaced(place, (), force) as new:
-            files.write_json(os.path.join(new, "history.json"), self.report)
-            with open(os.path.join(new, "runs.csv"), "w", newline="") as file:
+            files.write_json(os.path.join(new, FILES[1]), self.report)
+            with open(os.path.join(new, FILES[2]), "w", newline="") as file:
                 csv.writer(file).writerows(self._rows())
         from ground.ledger import page
 
         with result_folder.page(page_file, numbers):
-            page.write(
-                page_file, self.report, [kind["file"] for kind in self.report["types"] if kind["file"]], force
-            )
+            inputs = [kind.file for kind in self.contents.types if kind.file]
+            page.write(page_file, self.contents, inputs, force)
         return page_file
 
 

@@ -4,9 +4,10 @@ import shlex
 from datetime import date
 from typing import Iterator, List, Optional, Sequence
 
-from ground.ledger.changes import FEWEST
+from ground.ledger.changes import FEWEST, JUMP
+from ground.ledger.contents import CraftFinding, FollowedParameter, FoundChange, HistoryContents, LevelValue
+from ground.ledger.verdicts import SavedVerdict
 from ground.reports.words import listed
-from ground.support.annotations import Document
 from ground.support.headline import Line
 from ground.support.quantities import quantity, with_interval
 
@@ -28,26 +29,26 @@ CAUSES = {  # what usually changes a parameter
 }
 
 
-def lines(report: Document, page: str = "") -> List[Line]:
+def lines(found: HistoryContents, page: str = "") -> List[Line]:
     """All first lines; page: its file; empty: it is not written, and commands are for Python."""
-    found = [("Changed" if not i else "", text) for i, text in enumerate(_changed(report))]
-    found += [("Odd craft" if not i else "", text) for i, text in enumerate(_odd(report))]
-    found += [("Scatter", _scatter(report)), ("Runs", _runs(report))]
-    found += [("Verdicts", text) for text in _verdicts(report, bool(page))]
-    found.append(("Next", _next(report, bool(page))))
-    return found + [("Details", page)] * bool(page)
+    told = [("Changed" if not i else "", text) for i, text in enumerate(_changed(found))]
+    told += [("Odd craft" if not i else "", text) for i, text in enumerate(_odd(found))]
+    told += [("Scatter", _scatter(found)), ("Runs", _runs(found))]
+    told += [("Verdicts", text) for text in _verdicts(found, bool(page))]
+    told.append(("Next", _next(found, bool(page))))
+    return told + [("Details", page)] * bool(page)
 
 
-def _changed(report: Document) -> Iterator[str]:
-    found, least = report["changes"], 2 * FEWEST
-    if all(craft["runs"] < least for craft in report["crafts"]):
+def _changed(found: HistoryContents) -> Iterator[str]:
+    least = 2 * FEWEST
+    if all(craft.runs < least for craft in found.crafts):
         yield "cannot be said - that takes %d runs of a craft." % least
-    elif not found:
+    elif not found.changes:
         yield "nothing - the runs of each craft agree within their scatter."
-    for one in found[:SHOWN]:
-        yield change(report, one) + cause(one["parameter"])
-    if len(found) > SHOWN:
-        yield "and %d more, on the page." % (len(found) - SHOWN)
+    for one in found.changes[:SHOWN]:
+        yield change(found, one) + cause(one.parameter)
+    if len(found.changes) > SHOWN:
+        yield "and %d more, on the page." % (len(found.changes) - SHOWN)
 
 
 def cause(parameter: str) -> str:
@@ -56,32 +57,31 @@ def cause(parameter: str) -> str:
     return ": " + known if known else "."
 
 
-def change(report: Document, one: Document) -> str:
+def change(found: HistoryContents, one: FoundChange) -> str:
     """A change as a sentence without its end: "k of A fell by 6% (5 to 7%) between ..."."""
-    is_jump, rises = one["kind"] == "jump", one["after"] > one["before"]
-    by = "by " if is_relative(report, one) else ""
-    name = "%s of %s" % (one["parameter"], one["craft"])
-    days = tuple(day(time) for time in one["times"])
-    told = _sizes(report, one)
-    if is_jump:
-        runs = tuple(name.rsplit("/", 1)[-1] for name in one["between"])
-        verb = "rose" if rises else "fell"
-        return "%s %s %s%s between %s and %s (%s and %s)" % (name, verb, by, told, *days, *runs)
+    rises, is_share = one.after > one.before, _is_share(found, one)
+    first, last = map(day, one.times)
+    name, by = "%s of %s" % (one.parameter, one.craft), "by " if is_share else ""
+    size = _size(found, one)
+    if one.kind == JUMP:
+        before, after = (run.rsplit("/", 1)[-1] for run in one.between)
+        told = "%s %s %s%s between %s and %s (%s and %s)"
+        return told % (name, "rose" if rises else "fell", by, size, first, last, before, after)
     verb = "rises" if rises else "falls"
-    each = ""
-    if by:
-        each = "%s a run, " % _percent(abs(_share(one, one["after"])) / max(1, one["runs"] - 1))
-    return "%s %s %s%s%s over %d runs from %s to %s" % (name, verb, by, each, told, one["runs"], *days)
+    each = "%s a run, " % _percent(abs(_share(one, one.after)) / max(1, one.runs - 1)) if is_share else ""
+    return "%s %s %s%s%s over %d runs from %s to %s" % (
+        name, verb, by, each, size, one.runs, first, last,
+    )  # fmt: skip
 
 
-def _sizes(report: Document, one: Document) -> str:
+def _size(found: HistoryContents, one: FoundChange) -> str:
     """The size of a change with its interval: a share, or from where to where."""
-    known = [end for end in one["after_ci95"] if end is not None]
-    if is_relative(report, one):
+    known = [end for end in one.after_ci95 if end is not None]
+    if _is_share(found, one):
         ends = sorted(abs(_share(one, end)) for end in known)
-        return "%s (%s)" % (_percent(abs(_share(one, one["after"]))), " to ".join(map(_percent, ends)))
-    unit = _type(report, one)["parameters"][one["parameter"]]["unit"]
-    values = [quantity(value, unit, 2) for value in (one["before"], one["after"], *sorted(known))]
+        return "%s (%s)" % (_percent(abs(_share(one, one.after))), " to ".join(map(_percent, ends)))
+    unit = _parameter(found, one).unit
+    values = [quantity(value, unit, 2) for value in (one.before, one.after, *sorted(known))]
     return "from %s to %s (%s)" % (values[0], values[1], " to ".join(values[2:]))
 
 
@@ -91,18 +91,17 @@ def sorted_ends(ends: Sequence[Optional[float]]) -> Sequence[Optional[float]]:
     return sorted(known) if len(known) == len(ends) else ends
 
 
-def is_relative(report: Document, one: Document) -> bool:
-    """Whether a change or a difference is in percent."""
-    relative: bool = _type(report, one)["parameters"][one["parameter"]]["relative"]
-    return relative and one.get("before", 1.0) != 0
+def _parameter(found: HistoryContents, one: CraftFinding) -> FollowedParameter:
+    return found.type_of(one.type).parameters[one.parameter]
 
 
-def _type(report: Document, one: Document) -> Document:
-    return next(kind for kind in report["types"] if kind["name"] == one["type"])
+def _is_share(found: HistoryContents, one: FoundChange) -> bool:
+    """Whether a change is in percent."""
+    return _parameter(found, one).relative and one.before != 0
 
 
-def _share(one: Document, end: float) -> float:
-    return float(end) / float(one["before"]) - 1
+def _share(one: FoundChange, end: float) -> float:
+    return end / one.before - 1
 
 
 def _percent(share: float) -> str:
@@ -116,164 +115,162 @@ def day(time: str) -> str:
     return "%d %s" % (found.day, found.strftime("%b %Y"))
 
 
-def _odd(report: Document) -> Iterator[str]:
-    for one in report["odd"]:
-        unit = _type(report, one)["parameters"][one["parameter"]]["unit"]
-        others = sorted(one["others"].values())
+def _odd(found: HistoryContents) -> Iterator[str]:
+    for one in found.odd:
+        unit, others = _parameter(found, one).unit, sorted(one.others.values())
         span = " to ".join(dict.fromkeys(quantity(end, unit, 2) for end in (others[0], others[-1])))
-        told = "%s is %s" % (one["parameter"], quantity(one["value"], unit))
-        low, high = sorted_ends(one["ci95"])
+        told = "%s is %s" % (one.parameter, quantity(one.value, unit))
+        low, high = sorted_ends(one.ci95)
         if low is not None and high is not None:
-            told = "%s is %s" % (one["parameter"], with_interval(one["value"], low, high, unit))
-        if one["either"]:
-            yield "%s or %s - %s of %s, and %s of %s." % (
-                one["craft"], next(iter(one["others"])), told, one["craft"], span, next(iter(one["others"])),
-            )  # fmt: skip
+            told = "%s is %s" % (one.parameter, with_interval(one.value, low, high, unit))
+        if one.either:
+            other = next(iter(one.others))
+            yield "%s or %s - %s of %s, and %s of %s." % (one.craft, other, told, one.craft, span, other)
         else:
-            yield "%s - its %s; %s of the other %d." % (one["craft"], told, span, len(others))
-    if not report["odd"] and len(report["crafts"]) > len(report["types"]):
+            yield "%s - its %s; %s of the other %d." % (one.craft, told, span, len(others))
+    if not found.odd and len(found.crafts) > len(found.types):
         yield "none"
 
 
-def _scatter(report: Document) -> str:
+def _scatter(found: HistoryContents) -> str:
     """How much k, or what stands for it, differs from run to run and from day to day."""
-    found = []
-    for kind in report["types"]:
-        name = "k" if "k" in kind["parameters"] else next(iter(kind["parameters"]))
-        of = " of %s" % kind["name"] if len(report["types"]) > 1 else ""
-        found.append("%s%s %s" % (name, of, scatter(kind["parameters"][name])))
-    return "; ".join(found) + "."
+    told = []
+    for kind in found.types:
+        name = "k" if "k" in kind.parameters else next(iter(kind.parameters))
+        of = " of %s" % kind.name if len(found.types) > 1 else ""
+        told.append("%s%s %s" % (name, of, scatter(kind.parameters[name])))
+    return "; ".join(told) + "."
 
 
-def scatter(parameter: Document) -> str:
+def scatter(parameter: FollowedParameter) -> str:
     """Standard deviations between runs and days."""
 
     def told(size: float) -> str:
         if not size:
             return "none seen"
-        if parameter["relative"]:
-            return _percent(size)
-        return quantity(size, parameter["unit"], 2)
+        return _percent(size) if parameter.relative else quantity(size, parameter.unit, 2)
 
-    text = "%s from run to run" % told(parameter["run_scatter"])
-    if parameter["days_repeat"]:
-        text += ", %s from day to day" % told(parameter["day_scatter"])
+    text = "%s from run to run" % told(parameter.run_scatter)
+    if parameter.days_repeat:
+        text += ", %s from day to day" % told(parameter.day_scatter)
     return text
 
 
-def _runs(report: Document) -> str:
-    runs, out = report["runs"], len(report["left_out"])
-    crafts = [craft["name"] for craft in report["crafts"]]
-    named = "%d crafts, by %s" % (len(crafts), BY[report["crafts_by"]]) if len(crafts) > 1 else crafts[0]
-    times = sorted(run["recorded"] for run in runs)
-    text = "%d of %s, %s to %s" % (len(runs), named, day(times[0]), day(times[-1]))
-    text += "; %d left out (the details say why)" % out if out else ""
-    guessed = sum(run["time_from"] == "file" for run in runs)
+def _runs(found: HistoryContents) -> str:
+    named = found.crafts[0].name
+    if len(found.crafts) > 1:
+        named = "%d crafts, by %s" % (len(found.crafts), BY[found.crafts_by])
+    times = sorted(run.recorded for run in found.runs)
+    text = "%d of %s, %s to %s" % (len(found.runs), named, day(times[0]), day(times[-1]))
+    if found.left_out:
+        text += "; %d left out (the details say why)" % len(found.left_out)
+    guessed = sum(run.time_from == "file" for run in found.runs)
     if guessed:
         text += "; the time of %d is the file's last change: neither stamps nor names have a date" % guessed
     return text + "."
 
 
-def _verdicts(report: Document, in_shell: bool) -> Iterator[str]:
-    found = report["verdicts"]
-    other = [one for one in found if not one["current"]]
-    if not other:
-        return
-    changed = [one for one in other if one["now"] and one["now"]["changed"]]
-    if any(one["now"] for one in other):
-        names = listed([one["folder"] for one in changed]) if changed else "none"
+def _verdicts(found: HistoryContents, in_shell: bool) -> Iterator[str]:
+    other = [one for one in found.verdicts if not one.current]
+    repeated = [one.now for one in other if one.now]
+    if repeated:
+        changed = [one.folder for one in other if one.now and one.now.changed]
         yield "%d of %d repeated diagnoses change with version %s: %s." % (
-            len(changed), len(other), report["version"], names,
+            len(changed), len(other), found.version, listed(changed) if changed else "none",
         )  # fmt: skip
-        return
-    yield "%d of %d saved diagnoses are of another version than %s; %s repeats them." % (
-        len(other), len(found), report["version"], "--verdicts" if in_shell else "verdicts=True",
-    )  # fmt: skip
+    elif other:
+        yield "%d of %d saved diagnoses are of another version than %s; %s repeats them." % (
+            len(other), len(found.verdicts), found.version, "--verdicts" if in_shell else "verdicts=True",
+        )  # fmt: skip
 
 
-def _next(report: Document, in_shell: bool) -> str:
-    if report["changes"]:
-        one = report["changes"][0]
-        since = one["times"][1] if one["kind"] == "jump" else ""
+def _next(found: HistoryContents, in_shell: bool) -> str:
+    if found.changes:
+        one = found.changes[0]
+        since = one.times[1] if one.kind == JUMP else ""
         return "fit %s anew%s:\n%s" % (
-            one["craft"],
+            one.craft,
             " to the runs since then" if since else " to its newest runs",
-            _command(report, "fit", one, since, in_shell, "%s.yaml" % one["craft"]),
+            _command(found, "fit", one, since, in_shell, "%s.yaml" % one.craft),
         )
-    if report["odd"]:
-        one = report["odd"][0]
-        which = listed([one["craft"], *one["others"]]) if one["either"] else one["craft"]
+    if found.odd:
+        odd = found.odd[0]
         return "look at %s, and give %s a model of its own:\n%s" % (
-            which,
-            "each" if one["either"] else "it",
-            _command(report, "diagnose", one, "", in_shell, "diagnosis"),
+            listed([odd.craft, *odd.others]) if odd.either else odd.craft,
+            "each" if odd.either else "it",
+            _command(found, "diagnose", odd, "", in_shell, "diagnosis"),
         )
     return "fly on; repeated, it fits new runs only."
 
 
-def _command(report: Document, verb: str, one: Document, since: str, in_shell: bool, output: str) -> str:
+def _command(
+    found: HistoryContents,
+    verb: str,
+    one: CraftFinding,
+    since: str,
+    in_shell: bool,
+    output: str,
+) -> str:
     """A command on the newest runs of a craft."""
-    runs = [r for r in report["runs"] if r["craft"] == one["craft"] and r["recorded"] >= since]
-    paths, model = [run["path"] for run in runs[-REFITTED:]], _type(report, one)["file"] or "MODEL.yaml"
+    runs = [run.path for run in found.runs if run.craft == one.craft and run.recorded >= since]
+    paths, model = runs[-REFITTED:], found.type_of(one.type).file or "MODEL.yaml"
     if not in_shell:
         return "ground.%s(%r, %r)" % (verb, model, paths)
     words = [verb, *paths, "--model", model, "-o", output]
     return "rosrun ground identify " + " ".join(map(shlex.quote, words))
 
 
-def crafts(report: Document) -> Iterator[str]:
+def crafts(found: HistoryContents) -> Iterator[str]:
     """A table of the crafts as they are now."""
-    for kind in report["types"]:
-        own = [craft for craft in report["crafts"] if craft["type"] == kind["name"]]
-        width = max(5, *(len(craft["name"]) for craft in own))
-        names = list(kind["parameters"])
-        units = [kind["parameters"][name]["unit"].replace("-", "") for name in names]
-        heads = ["%s [%s]" % (n, u) if u and u != "1" else n for n, u in zip(names, units)]
+    for kind in found.types:
+        own = found.crafts_of(kind)
+        width = max(5, *(len(craft.name) for craft in own))
+        units = [parameter.unit.replace("-", "") for parameter in kind.parameters.values()]
+        heads = ["%s [%s]" % (n, u) if u and u != "1" else n for n, u in zip(kind.parameters, units)]
         columns = [max(10, len(head)) for head in heads]
         yield "%-*s %5s %5s  " % (width, "craft", "runs", "days") + "  ".join(
             "%*s" % pair for pair in zip(columns, heads)
         )
         for craft in own:
-            now = [craft["now"][name] for name in names]
-            cells = ["%.4g" % value["value"] if value else "-" for value in now]
-            yield "%-*s %5d %5d  " % (width, craft["name"], craft["runs"], craft["days"]) + "  ".join(
+            now = [craft.now[name] for name in kind.parameters]
+            cells = ["%.4g" % one.value if one else "-" for one in now]
+            yield "%-*s %5d %5d  " % (width, craft.name, craft.runs, craft.days) + "  ".join(
                 "%*s" % pair for pair in zip(columns, cells)
             )
 
 
-def evidence(report: Document) -> Iterator[str]:
+def evidence(found: HistoryContents) -> Iterator[str]:
     """The lines of --details: all changes, a line for each run, what was left out, and the verdicts."""
-    for one in report["changes"]:
-        yield "%s (p = %.1g)." % (change(report, one), one["p_value"])
-    for kind in report["types"]:
-        for name, parameter in kind["parameters"].items():
-            yield "Scatter of %s (%s): %s." % (name, parameter["means"], scatter(parameter))
+    for one in found.changes:
+        yield "%s (p = %.1g)." % (change(found, one), one.p_value)
+    for kind in found.types:
+        for name, parameter in kind.parameters.items():
+            yield "Scatter of %s (%s): %s." % (name, parameter.means, scatter(parameter))
     yield ""
-    width = max(len(run["name"]) for run in report["runs"])
-    for run in report["runs"]:
-        values = ["%s %s" % (n, told(v)) for n, v in run["parameters"].items() if v is not None]
-        yield "%s  %-*s  %s: %s" % (run["recorded"], width, run["name"], run["craft"], ", ".join(values))
-    for one in report["left_out"]:
-        yield "%s was left out: %s" % (one["path"], one["why"])
-    for one in report["verdicts"]:
-        yield verdict(one)
+    width = max(len(run.name) for run in found.runs)
+    for run in found.runs:
+        values = ["%s %s" % (n, told(v)) for n, v in run.parameters.items() if v is not None]
+        yield "%s  %-*s  %s: %s" % (run.recorded, width, run.name, run.craft, ", ".join(values))
+    for out in found.left_out:
+        yield "%s was left out: %s" % (out.path, out.why)
+    yield from map(verdict, found.verdicts)
 
 
-def told(value: Optional[Document]) -> str:
+def told(value: Optional[LevelValue]) -> str:
     """A value with its interval; an end without a number stays empty."""
     if value is None:
         return "-"
-    low, high = ("" if end is None else "%.3g" % end for end in sorted_ends(value["ci95"]))
-    return "%.3g (%s to %s)" % (value["value"], low, high)
+    low, high = ("" if end is None else "%.3g" % end for end in sorted_ends(value.ci95))
+    return "%.3g (%s to %s)" % (value.value, low, high)
 
 
-def verdict(one: Document) -> str:
+def verdict(one: SavedVerdict) -> str:
     """A saved diagnosis, and what this version says."""
-    made = "version %s" % one["version"] if one["version"] else "a version that did not say which"
-    text = "%s: %s (%s), by %s" % (one["folder"], one["verdict"], listed(one["effects"]) or "no effect", made)
-    now = one["now"]
+    made = "version %s" % one.version if one.version else "a version that did not say which"
+    text = "%s: %s (%s), by %s" % (one.folder, one.verdict, listed(one.effects) or "no effect", made)
+    now = one.now
     if now is None:
         return text
-    if now["why"]:
-        return "%s; it cannot be repeated: %s" % (text, now["why"])
-    return "%s; now: %s (%s)" % (text, now["verdict"], listed(now["effects"]) or "no effect")
+    if now.why:
+        return "%s; it cannot be repeated: %s" % (text, now.why)
+    return "%s; now: %s (%s)" % (text, now.verdict, listed(now.effects) or "no effect")

@@ -8,7 +8,7 @@ plotly.graph_objects.Figure takes as they are; tests check them so.
 import functools
 import itertools
 import math
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Sequence, Tuple, Union
 
 from plotly import io
 
@@ -83,8 +83,10 @@ class Panels:
         place.update(yref=self.axis("y", col, row) + end, text=text, showarrow=False)
         self.annotations.append({**place, **style})
 
-    def span(self, start: float, end: float, row: int = 1, col: int = 1, **style: Any) -> None:
-        """Adds a rectangle, or a line if start is end, from one value of x to another."""
+    def span(
+        self, start: Union[float, str], end: Union[float, str], row: int = 1, col: int = 1, **style: Any
+    ) -> None:
+        """Adds a rectangle, or a line if start is end, from one value of x to another, such as a date."""
         place: Plotly = {"x0": start, "x1": end, "y0": 0, "y1": 1, "xref": self.axis("x", col, row)}
         place.update(yref=self.axis("y", col, row) + " domain", line={"width": 0})
         kind = "line" if start == end else "rect"

@@ -208,8 +208,8 @@ def _of_discovery(result: Discovery) -> Makers:
 @_makers.register(History)
 def _of_history(result: History) -> Makers:
     return {
-        name: functools.partial(history_figures.of, result.report, of["type"], of["parameter"])
-        for name, of in history_figures.by_name(result.report).items()
+        name: functools.partial(history_figures.of, result.contents, *of)
+        for name, of in history_figures.by_name(result.contents).items()
     }
 
 
