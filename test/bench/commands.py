@@ -17,6 +17,7 @@ import subprocess
 import sys
 import threading
 import time
+import types
 
 import numpy as np
 
@@ -33,6 +34,7 @@ SIZES.update({"100bags": (100, 10), "1000bags": (1000, 10)})
 # Largest wall time [s] and memory [MB]
 GOALS = {("fit", "1h"): (10, 1000), ("fit", "1000bags"): (60, 4000)}
 FIRST_LINE = 1.5  # largest time of the first line [s]
+ROW = "%-9s %-9s %9s %9s %8s %9s  %s"
 LAUNCH = ("import sys; from ground import cli; sys.exit(cli.main(sys.argv[1:]))",)
 
 
@@ -151,25 +153,16 @@ def line(result):
     """A row of the table."""
     found = result["found"]
     goal = GOALS.get((result["verb"], result["size"]))
-    late = found["first_line"] is not None and found["first_line"] > FIRST_LINE
-    return "%-9s %-9s %9s %9.1f %8.0f %9s  %s" % (
-        result["verb"],
-        result["size"],
-        _seconds(found["seconds"], result["limit"]),
-        found["processor"],
-        found["MB"],
-        _seconds(found["first_line"], result["limit"]),
-        "; ".join(
-            filter(
-                None,
-                (
-                    goal and "goal %g s, %g MB%s" % (*goal, "" if _meets(result) else ": MISSED"),
-                    late and "first line late",
-                    found["status"] and "failed: " + found["last"],
-                ),
-            )
-        ),
-    )
+    remarks = []
+    if goal:
+        remarks.append("goal %g s, %g MB%s" % (*goal, "" if _meets(result) else ": MISSED"))
+    if found["first_line"] is not None and found["first_line"] > FIRST_LINE:
+        remarks.append("first line late")
+    if found["status"]:
+        remarks.append("failed: " + found["last"])
+    ended, shown = (_seconds(found[name], result["limit"]) for name in ("seconds", "first_line"))
+    numbers = ended, "%.1f" % found["processor"], "%.0f" % found["MB"], shown
+    return ROW % (result["verb"], result["size"], *numbers, "; ".join(remarks))
 
 
 def _seconds(value, limit):
@@ -200,10 +193,9 @@ def main():
     jobs = [
         (size, verb) for size in arguments.sizes for verb in arguments.only if verb in commands(size, folder)
     ]
-    print("%-9s %-9s %9s %9s %8s %9s" % ("verb", "size", "s", "cpu s", "MB", "first s"))
-    one = OneByOne()
+    print(ROW % ("verb", "size", "s", "cpu s", "MB", "first s", ""))
     found = resumed.results(
-        one,
+        types.SimpleNamespace(map=map),  # one after another, where workers.Workers does them side by side
         arguments.results or os.path.join(folder, "results.jsonl"),
         jobs,
         tuple,
@@ -217,12 +209,6 @@ def main():
     for result in missed:
         print("missed: " + line(result))
     return 1 if missed else 0
-
-
-class OneByOne:
-    """Does jobs one after another, as workers.Workers does them side by side."""
-
-    map = staticmethod(map)
 
 
 if __name__ == "__main__":

@@ -88,10 +88,7 @@ class Core:
         command += ["-I" + os.path.join(ours, "../include")]  # structs of parameters
         command += [
             "-L" + ours,
-            "-lground_control",
-            "-lground_safety",
-            "-lground_estimation",
-            "-lground_model",
+            *("-lground_" + name for name in ("control", "safety", "estimation", "model")),
         ]
         # The old kind of run path holds for libraries of libraries, too.
         command += ["-Wl,--disable-new-dtags,-rpath," + ours]

@@ -1,6 +1,6 @@
 // How good and how fast the plans of ModelPredictive are.
 //
-// plans warm [SECONDS] [EFFECT=VALUE...]: closed loops with noise. Processor time of the decisions,
+// plans warm [SECONDS]: closed loops with noise. Processor time of the decisions,
 // their improvements, their costs above those of the plans improved further, the tracking error.
 // plans deadline [MILLISECONDS] [COUNT] [HOGS]: decisions far from the reference that end in time,
 // beside HOGS busy processes for each core, at real-time priority where the system grants it.
@@ -23,7 +23,6 @@
 #include <utility>
 #include <vector>
 
-#include "ground/model/effect_registry.h"
 #include "peer_plans/plan_cases.h"
 
 namespace ground {
@@ -87,14 +86,8 @@ void fly(const Model& model, const ReferencePtr& reference, double seconds, Deci
   }
 }
 
-void warm(double seconds, const std::vector<std::string>& effects) {
-  Model model = craft();
-  for (const std::string& effect : effects) {
-    const auto equals = effect.find('=');
-    model.addEffect(makeEffect(effect.substr(0, equals)));
-    model.effects.back().values.assign(model.effects.back().values.size(),
-                                       std::stod(effect.substr(equals + 1)));
-  }
+void warm(double seconds) {
+  const Model model = craft();
   for (const auto& [name, reference] : references()) {
     Decisions seen;
     fly(model, reference, seconds, seen);
@@ -184,16 +177,13 @@ void keepDeadline(double milliseconds, int count, int hogs_per_core) {
 int main(int argc, char** argv) {
   const std::vector<std::string> words(argv + 1, argv + argc);
   if (!words.empty() && words[0] == "warm") {
-    const std::vector<std::string> effects(words.begin() + std::min(2, argc - 1), words.end());
-    ground::warm(words.size() > 1 ? std::stod(words[1]) : 60, effects);
+    ground::warm(words.size() > 1 ? std::stod(words[1]) : 60);
   } else if (!words.empty() && words[0] == "deadline") {
     ground::keepDeadline(words.size() > 1 ? std::stod(words[1]) : 2,
                          words.size() > 2 ? std::stoi(words[2]) : 100000,
                          words.size() > 3 ? std::stoi(words[3]) : 2);
   } else {
-    std::puts(
-        "plans warm [SECONDS] [EFFECT=VALUE...] | "
-        "plans deadline [MILLISECONDS] [COUNT] [HOGS]");
+    std::puts("plans warm [SECONDS] | plans deadline [MILLISECONDS] [COUNT] [HOGS]");
     return 1;
   }
   return 0;

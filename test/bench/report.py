@@ -109,10 +109,10 @@ def _speed(folder):
 def _commands(folder):
     path, date = _file(folder, "commands.json")
     for row in load(path)["rows"] if path else []:
-        if row["seconds"] is not None:
-            name = "%s %s" % (row["verb"], row["size"])
-            yield "commands: " + name, dict(value="%.2g s" % row["seconds"], date=date)
-            yield "memory: " + name, dict(value="%.2g GB" % (row["MB"] / 1000), date=date)
+        name, found = "%s %s" % (row["verb"], row["size"]), row["found"]
+        if found["seconds"] is not None:
+            yield "commands: " + name, dict(value="%.2g s" % found["seconds"], date=date)
+            yield "memory: " + name, dict(value="%.2g GB" % (found["MB"] / 1000), date=date)
 
 
 def _rates(folder):

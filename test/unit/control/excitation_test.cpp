@@ -7,8 +7,8 @@
 #include <limits>
 #include <random>
 
+#include "../crafts.h"
 #include "ground/control/excitation_pilot.h"
-#include "ground/model/model_file.h"
 #include "ground/simulation/experiment.h"
 
 namespace ground {
@@ -19,8 +19,6 @@ using Stage = ControllerLifecycle::State;
 
 constexpr double kDriveBegin = 1.5;  // after 0.5 s of rest and 1 s of lift alone [s]
 constexpr double kTolerance = 1e-6;  // tolerance of equal times [s]
-
-Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 
 /// The craft with mass, inertia, thrust and lever arm times 0.8 or 1.2.
 Model wrongCraft(unsigned long seed) {

@@ -12,8 +12,8 @@
 #include <memory>
 #include <set>
 
+#include "../crafts.h"
 #include "ground/control/prbs.h"
-#include "ground/model/model_file.h"
 
 namespace ground {
 namespace input_design_test {
@@ -161,12 +161,7 @@ TEST(InputDesignOfAnyThrusters, FilesHaveAColumnForEachChannel) {
   EXPECT_EQ(signal.at(2).thrusters.size(), 3);
   const auto complaint = [&](const std::string& text) {
     params.file = fileWith(text);
-    try {
-      makeDesign(params, 1);
-    } catch (const std::runtime_error& error) {
-      return std::string(error.what());
-    }
-    return std::string();
+    return refusal([&] { makeDesign(params, 1); });
   };
   EXPECT_NE(complaint("time,left,right\n0,0,0\n1,0,0\n").find("not time,left,right,bow_motor or"),
             std::string::npos);
@@ -246,21 +241,12 @@ TEST(InputFile, ComplaintsNameFileAndLine) {
       {"left,right\n1,0\n", ", line 1: ", "the columns are left,right, not time,left,right or"},
   };
   for (const auto& bad : cases) {
-    try {
-      makeDesign(inputFile(bad.text), 20);
-      ADD_FAILURE() << bad.text;
-    } catch (const std::runtime_error& error) {
-      const std::string message = error.what();
-      EXPECT_NE(message.find("input_design_test.csv" + bad.place), std::string::npos) << message;
-      EXPECT_NE(message.find(bad.words), std::string::npos) << message;
-    }
+    const std::string message = refusal([&] { makeDesign(inputFile(bad.text), 20); });
+    EXPECT_NE(message.find("input_design_test.csv" + bad.place), std::string::npos) << bad.text << message;
+    EXPECT_NE(message.find(bad.words), std::string::npos) << message;
   }
-  try {
-    makeDesign(inputFile("\n"), 20);
-    ADD_FAILURE() << "an empty file";
-  } catch (const std::runtime_error& error) {
-    EXPECT_NE(std::string(error.what()).find("input_design_test.csv is empty"), std::string::npos);
-  }
+  const std::string empty = refusal([&] { makeDesign(inputFile("\n"), 20); });
+  EXPECT_NE(empty.find("input_design_test.csv is empty"), std::string::npos) << empty;
   DesignParams none = design("file");
   none.file = "no/such/file.csv";
   EXPECT_THROW(makeDesign(none, 20), std::runtime_error);

@@ -10,18 +10,16 @@
 #include <random>
 #include <sstream>
 
+#include "../crafts.h"
 #include "ground/control/controllers.h"
 #include "ground/control/feasibility.h"
 #include "ground/control/tracking_law.h"
 #include "ground/control/tracking_watch.h"
-#include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
 
 namespace ground {
 namespace tracking_test {
 
-Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 Model mvwt() { return loadModel("cfg/hovercraft/mvwt.yaml"); }
 
 TrackingGains mvwtGains() {  // (4.10)
@@ -101,12 +99,8 @@ TEST(References, FilesAreReadOrRefusedByLine) {
       {"x,y\n1,2\n3 4\n", "line 3"},  {"x,y\n1,2\n0x10,4\n", "line 3"},
       {"x,y\n1,2\n,\n", "line 3"}};
   for (const auto& [text, why] : bad) {
-    try {
-      readReference(file(text), {0, 0}, 1, true);
-      ADD_FAILURE() << text;
-    } catch (const std::runtime_error& error) {
-      EXPECT_NE(std::string(error.what()).find(why), std::string::npos) << error.what();
-    }
+    const std::string said = refusal([&, &text = text] { readReference(file(text), {0, 0}, 1, true); });
+    EXPECT_NE(said.find(why), std::string::npos) << text << said;
   }
   EXPECT_THROW(readReference("/nowhere.csv", {0, 0}, 1, true), std::runtime_error);
 }
@@ -142,10 +136,8 @@ Model withEffect(const std::string& name, const std::vector<double>& values) {
 
 TEST(EffectUse, TrajectoryTrackingNamesTheEffectsItDoesNotUse) {
   EXPECT_EQ(effectUse("TrajectoryTracking", tinyWhoover()).remark(), "");
-  Model model = withEffect("motor_lag", {0.05});
+  Model model = withValues(tinyWhoover(), {{"motor_lag.tau", 0.05}, {"yaw_bias.n0", 1e-5}});
   model.addEffect(makeEffect("wind"));  // neutral: no effect
-  model.addEffect(makeEffect("yaw_bias"));
-  model.setValue("yaw_bias.n0", 1e-5);
   const EffectUse use = effectUse("TrajectoryTracking", model);
   EXPECT_EQ(use.remark(), "does not use motor_lag, yaw_bias");
   EXPECT_TRUE(use.used.empty());

@@ -7,9 +7,8 @@
 #include <cmath>
 #include <random>
 
-#include "ground/model/effect_registry.h"
+#include "../crafts.h"
 #include "ground/model/measurement.h"
-#include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
 
 namespace ground {
@@ -26,24 +25,18 @@ PoseMeasurement pose(const RigidState<double>& state) {
 
 /// A craft with delay, lag, a battery that fades during a drive, and a marker off the centre.
 Model craft() {
-  Model model = loadModel("cfg/hovercraft/tiny_whoover_4_1.yaml");
-  for (const char* effect : {"input_delay", "motor_lag", "battery_sag", "marker_offset"})
-    model.addEffect(makeEffect(effect));
-  model.setValue("input_delay.delay", 0.033);
-  model.setValue("motor_lag.tau", 0.05);
-  model.setValue("battery_sag.tau", 4);
-  model.setValue("marker_offset.dx", 0.02);
-  model.setValue("marker_offset.dy", -0.03);
-  return model;
+  return withValues(loadModel("cfg/hovercraft/tiny_whoover_4_1.yaml"), {{"input_delay.delay", 0.033},
+                                                                        {"motor_lag.tau", 0.05},
+                                                                        {"battery_sag.tau", 4},
+                                                                        {"marker_offset.dx", 0.02},
+                                                                        {"marker_offset.dy", -0.03}});
 }
 
 /// Kalman filter with derivatives by finite differences; forces and moments for accelerations.
 class PlainObserver {
  public:
   PlainObserver(const Model& model, const ObserverParams& params, const InputSequence& inputs)
-      : model_(model), params_(params), inputs_(inputs), measure_(model) {
-    for (const char* effect : {"body_force_bias", "yaw_bias"}) model_.addEffect(makeEffect(effect));
-  }
+      : model_(model), params_(params), inputs_(inputs), measure_(model) {}
 
   void measure(double time, const RigidState<double>& seen) {
     if (!started_ || time - time_ > 1.0) {
@@ -98,11 +91,9 @@ class PlainObserver {
 
   /// Replays the commands from the start, so that the motors are in the right state.
   Eigen::Matrix<double, 6, 1> moved(const Vector9& x, double until) const {
-    Model pushed = model_;
-    pushed.setValue("body_force_bias.x0", x(6) * model_.body.m);
-    pushed.setValue("body_force_bias.y0", x(7) * model_.body.m);
-    pushed.setValue("yaw_bias.n0", x(8) * model_.body.I_z);
-    const Dynamics<double> dynamics(pushed);
+    const Dynamics<double> dynamics(withValues(model_, {{"body_force_bias.x0", x(6) * model_.body.m},
+                                                        {"body_force_bias.y0", x(7) * model_.body.m},
+                                                        {"yaw_bias.n0", x(8) * model_.body.I_z}}));
     Simulation<double> simulation(dynamics, inputs_, {}, began_);
     simulation.advance(time_);
     simulation.state() = {x.head<3>(), x.segment<3>(3)};
@@ -124,10 +115,7 @@ class PlainObserver {
 
 TEST(DisturbanceObserver, AgreesWithAPlainKalmanFilter) {
   const Model model = craft();
-  Model truth = model;
-  truth.addEffect(makeEffect("body_force_bias"));
-  truth.setValue("body_force_bias.x0", 0.004);
-  truth.setValue("body_force_bias.y0", -0.006);
+  const Model truth = withValues(model, {{"body_force_bias.x0", 0.004}, {"body_force_bias.y0", -0.006}});
   ObserverParams params;
   params.push = 0.05;
   params.push_drift = 0.1;

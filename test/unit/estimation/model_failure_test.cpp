@@ -7,10 +7,9 @@
 #include <random>
 #include <string>
 
+#include "../crafts.h"
 #include "ground/estimation/model_monitor.h"
 #include "ground/model/capability.h"
-#include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
 
 namespace ground {
@@ -18,7 +17,7 @@ namespace model_failure_test {
 
 constexpr double kNever = std::numeric_limits<double>::infinity();
 
-Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
+Model craft() { return tinyWhoover(); }
 
 /// A craft that moves as a palm-sized one does, `slower` times as slowly.
 Model slowCraft(double slower) {
@@ -57,21 +56,16 @@ class Flight {
     dynamics_ = std::make_unique<Dynamics<double>>(truth_);
     simulation_ = std::make_unique<Simulation<double>>(*dynamics_, inputs_, state, time_);
   }
-  void setParameter(const std::string& effect, const std::string& parameter, double value) {
-    Model changed = truth_;
-    if (!changed.hasEffect(effect)) changed.addEffect(makeEffect(effect, *changed.thrusters));
-    changed.setValue(effect + "." + parameter, value);
-    setTruth(changed);
+  void setParameter(const std::string& parameter, double value) {
+    setTruth(withValues(truth_, {{parameter, value}}));
   }
   void scale(const std::string& parameter, double factor) {
-    Model changed = truth_;
-    changed.setValue(parameter, factor * changed.value(parameter));
-    setTruth(changed);
+    setParameter(parameter, factor * truth_.value(parameter));
   }
   /// The left thruster has a share of its force.
   void weaken(double share) {
     scale("k", 0.5 * (1 + share));
-    setParameter("thrust_asymmetry", "a", (share - 1) / (share + 1));
+    setParameter("thrust_asymmetry.a", (share - 1) / (share + 1));
   }
   void hit(const Vector3<double>& change) { simulation_->state().nu += change; }
 
@@ -139,7 +133,7 @@ TEST(ModelFailure, HalfAThrusterShowsInYawSinceItWasLost) {
 TEST(ModelFailure, ASlopeShowsInSurgeAndSwayAndNotInYaw) {
   Flight flight(craft());
   flight.fly(10);
-  flight.setParameter("floor_tilt", "sx", 0.05);
+  flight.setParameter("floor_tilt.sx", 0.05);
   EXPECT_LT(flight.fly(10), 3);
   EXPECT_TRUE(std::isfinite(flight.since()(0)) && std::isfinite(flight.since()(1)));
   EXPECT_TRUE(std::isnan(flight.since()(2))) << failureText(flight.since());
@@ -148,10 +142,10 @@ TEST(ModelFailure, ASlopeShowsInSurgeAndSwayAndNotInYaw) {
 TEST(ModelFailure, ATrimAndABatteryAndAFloorOfUsualSizeAreNoFailureInAQuarterOfAnHour) {
   for (const unsigned seed : {1u, 2u, 3u}) {
     Flight flight(craft(), seed);
-    flight.setParameter("floor_tilt", "sx", 2e-3);
-    flight.setParameter("body_force_bias", "y0", 2e-3);
-    flight.setParameter("thrust_asymmetry", "a", 0.02);
-    flight.setParameter("battery_sag", "tau", 6000);
+    flight.setParameter("floor_tilt.sx", 2e-3);
+    flight.setParameter("body_force_bias.y0", 2e-3);
+    flight.setParameter("thrust_asymmetry.a", 0.02);
+    flight.setParameter("battery_sag.tau", 6000);
     flight.scale("k", 1.02);
     EXPECT_EQ(flight.fly(300, 1, seed == 1 ? 0.3 : 1), kNever) << failureText(flight.since());
   }

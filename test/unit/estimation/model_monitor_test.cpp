@@ -8,10 +8,9 @@
 #include <random>
 #include <vector>
 
+#include "../crafts.h"
 #include "ground/control/prbs.h"
 #include "ground/estimation/floor_map.h"
-#include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
 
 namespace ground {
 namespace model_monitor_test {
@@ -22,14 +21,8 @@ PoseMeasurement pose(const RigidState<double>& state) {
   return poseMeasurement(state.eta, kPosition, kHeading);
 }
 
-Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
-
-Model with(const std::string& effect, const std::map<std::string, double>& values) {
-  Model model = craft();
-  model.addEffect(makeEffect(effect));
-  for (const auto& [name, value] : values) model.setValue(effect + "." + name, value);
-  return model;
-}
+Model craft() { return tinyWhoover(); }
+Model with(const std::vector<std::pair<std::string, double>>& values) { return withValues(craft(), values); }
 
 /// Simulates a PRBS run of a true model at 100 Hz. Monitors get its commands, `each` its noisy
 /// states.
@@ -83,9 +76,9 @@ void expectNoise(const PoseError& rms, const PoseError& noise) {
 }
 
 TEST(ModelMonitor, ATrueModelShowsWhatTheNoiseLeaves) {
-  for (const Model& truth :
-       {craft(), with("motor_lag", {{"tau", 0.06}}), with("input_delay", {{"delay", 0.05}}),
-        with("heading_offset", {{"psi0", 1.2}}), with("marker_offset", {{"dx", 0.03}, {"dy", 0.01}})}) {
+  for (const Model& truth : {craft(), with({{"motor_lag.tau", 0.06}}), with({{"input_delay.delay", 0.05}}),
+                             with({{"heading_offset.psi0", 1.2}}),
+                             with({{"marker_offset.dx", 0.03}, {"marker_offset.dy", 0.01}})}) {
     ModelMonitor monitor(truth, {});
     std::optional<ModelMonitor::Error> last;
     double first = -1;
@@ -106,7 +99,7 @@ TEST(ModelMonitor, ATrueModelShowsWhatTheNoiseLeaves) {
 }
 
 TEST(ModelMonitor, KnowsTheThrustByTheVoltage) {
-  Model model = with("battery_voltage", {{"p", 2}}), weak = craft();
+  Model model = with({{"battery_voltage.p", 2}}), weak = craft();
   model.body.volts = 7.4;
   weak.setValue("k", weak.value("k") * std::pow(6.7 / 7.4, 2));
   ModelMonitor told(model, {}), untold(model, {});
@@ -137,7 +130,7 @@ TEST(ModelMonitor, ARightModelOnASteadyCircleShowsItsNoiseAndAWrongOneHowWrongIt
   EXPECT_TRUE(right->excited);
   expectNoise(right->rms, right->noise);
   // 0.02 N on 0.0583 kg is 170 mm after 1 s.
-  const auto wrong = onACircle(with("body_force_bias", {{"x0", 0.02}, {"y0", 0}}), craft());
+  const auto wrong = onACircle(with({{"body_force_bias.x0", 0.02}, {"body_force_bias.y0", 0}}), craft());
   ASSERT_TRUE(wrong);
   EXPECT_GT(wrong->rms.position, 0.08);
   EXPECT_LT(wrong->rms.position, 0.25);
@@ -173,7 +166,7 @@ TEST(ModelMonitor, OnTheFloorNothingIsPooled) {
 }
 
 TEST(ModelMonitor, TheMissingWrenchIsThatOfTheHiddenEffect) {
-  const Model truth = with("body_force_bias", {{"x0", 0.02}, {"y0", -0.01}});
+  const Model truth = with({{"body_force_bias.x0", 0.02}, {"body_force_bias.y0", -0.01}});
   ModelMonitor nominal(craft(), {}), right(truth, {});
   Vector3<double> missing = Vector3<double>::Zero(), rest = missing, off = missing;
   int count = 0;
@@ -211,7 +204,7 @@ TEST(ModelMonitor, ResetsWhenTimeJumpsBack) {
 }
 
 TEST(ModelContest, PrefersTheTrueModelButNoneOfTwoEqualOnes) {
-  const Model truth = with("floor_tilt", {{"sx", 0.015}, {"sy", 0.0}});
+  const Model truth = with({{"floor_tilt.sx", 0.015}, {"floor_tilt.sy", 0.0}});
   ModelMonitor nominal(craft(), {}), right(truth, {}), again(truth, {});
   ModelContest unequal(1.0, 10.0), equal(1.0, 10.0);
   Experiment(truth).run(0, 14, {&nominal, &right, &again}, [&](double t, const RigidState<double>& s) {

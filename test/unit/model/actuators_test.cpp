@@ -4,25 +4,17 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <map>
 #include <random>
 #include <string>
 
-#include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
+#include "../crafts.h"
 #include "ground/model/simulation.h"
 
 namespace ground {
 namespace actuators_test {
 
-using Values = std::map<std::string, double>;
-
-Model with(const std::string& effect, const Values& values) {
-  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  for (const char* damping : {"X_u", "Y_v", "N_r"}) model.setValue(damping, 0.0);
-  model.addEffect(makeEffect(effect));
-  for (const auto& [name, value] : values) model.setValue(effect + '.' + name, value);
-  return model;
+Model with(const std::vector<std::pair<std::string, double>>& values) {
+  return withValues(undamped(), values);
 }
 
 constexpr double kHold = 0.0813;
@@ -79,13 +71,13 @@ Acts ofEach(const std::function<double(double command, double input)>& rate) {
 TEST(MotorRiseFall, HasATimeForEachWay) {
   for (const double fall : {0.02, 0.15}) {
     const auto rate = [fall](double u, double w) { return (u - w) / (u > w ? 0.07 : fall); };
-    expectSpeed(with("motor_rise_fall", {{"rise", 0.07}, {"fall", fall}}), ofEach(rate));
+    expectSpeed(with({{"motor_rise_fall.rise", 0.07}, {"motor_rise_fall.fall", fall}}), ofEach(rate));
   }
 }
 
 TEST(MotorRiseFall, IsALagWhereBothTimesAreTheSame) {
-  const Dynamics<double> both(with("motor_rise_fall", {{"rise", 0.05}, {"fall", 0.05}}));
-  const Dynamics<double> lag(with("motor_lag", {{"tau", 0.05}}));
+  const Dynamics<double> both(with({{"motor_rise_fall.rise", 0.05}, {"motor_rise_fall.fall", 0.05}}));
+  const Dynamics<double> lag(with({{"motor_lag.tau", 0.05}}));
   const InputSequence inputs = steps();
   Simulation<double> one(both, inputs, {}, 0), other(lag, inputs, {}, 0);
   one.advance(1.5);
@@ -118,7 +110,7 @@ TEST(MotorRate, IsTheSlopeOfAnInput) {
       inputs(i) += std::max(-h * kRate, std::min(h * kRate, command(i) - inputs(i)));
     return Vector2<double>(0.5 * (before + inputs));
   };
-  expectSpeed(with("motor_rate", {{"rate", kRate}}), acts);
+  expectSpeed(with({{"motor_rate.rate", kRate}}), acts);
 }
 
 TEST(SupplySag, RecoversWithoutLoad) {
@@ -127,11 +119,11 @@ TEST(SupplySag, RecoversWithoutLoad) {
     states(0) += h * (0.5 * command.sum() - before) / 0.4;
     return Vector2<double>(command * (1 - 0.3 * 0.5 * (before + states(0))));
   };
-  expectSpeed(with("supply_sag", {{"part", 0.3}, {"time", 0.4}}), acts);
+  expectSpeed(with({{"supply_sag.part", 0.3}, {"supply_sag.time", 0.4}}), acts);
 }
 
 TEST(ThrustDroop, IsThatOfEachThruster) {
-  Model model = with("thrust_droop", {{"part", 0.3}, {"time", 0.4}});
+  const Model model = with({{"thrust_droop.part", 0.3}, {"thrust_droop.time", 0.4}});
   const Acts acts = [](const Vector2<double>& command, Vector2<double>& states, double h) {
     const Vector2<double> before = states;
     states += h / 0.4 * (command - before);
@@ -150,10 +142,7 @@ TEST(ThrustDroop, IsThatOfEachThruster) {
 
 TEST(Actuators, WorkOneAfterAnother) {
   // a lag of what a limited rate lets through, whatever the length of a step
-  Model model = with("motor_rate", {{"rate", 6}});
-  model.addEffect(makeEffect("motor_lag"));
-  model.setValue("motor_lag.tau", 0.03);
-  const Dynamics<double> dynamics(model);
+  const Dynamics<double> dynamics(with({{"motor_rate.rate", 6}, {"motor_lag.tau", 0.03}}));
   const InputSequence inputs = steps();
   const auto at = [&](double step) {
     Simulation<double> simulation(dynamics, inputs, {}, 0, step);

@@ -6,13 +6,12 @@
 #include <cmath>
 #include <limits>
 
+#include "../crafts.h"
 #include "ground/control/input_design.h"
 #include "ground/estimation/model_monitor.h"
 #include "ground/identification/grey_box.h"
 #include "ground/identification/simulation_error.h"
-#include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
-#include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
 #include "ground/simulation/experiment.h"
 
@@ -21,12 +20,7 @@ namespace drive_clock_test {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-Model sagging(double tau) {
-  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  model.addEffect(makeEffect("battery_sag"));
-  model.setValue("battery_sag.tau", tau);
-  return model;
-}
+Model sagging(double tau) { return withValues(tinyWhoover(), {{"battery_sag.tau", tau}}); }
 
 TEST(DriveClock, ADriveBeginsWithTheFirstLift) {
   DriveClock clock;

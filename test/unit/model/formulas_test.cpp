@@ -9,9 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "../crafts.h"
 #include "ground/model/dynamics.h"
-#include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
 
 namespace ground {
 namespace formulas_test {
@@ -59,11 +58,10 @@ struct Instant {
 };
 
 Model craftWith(const std::vector<std::string>& effects) {
-  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  for (const std::string& name : effects) {
-    model.addEffect(makeEffect(name));
-    for (const auto& [parameter, value] : kEffects.at(name)) model.setValue(name + "." + parameter, value);
-  }
+  Model model = tinyWhoover();
+  for (const std::string& name : effects)
+    for (const auto& [parameter, value] : kEffects.at(name))
+      model = withValues(model, {{name + "." + parameter, value}});
   return model;
 }
 

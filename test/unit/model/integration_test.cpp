@@ -3,14 +3,11 @@
 
 #include <cmath>
 
-#include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
+#include "../crafts.h"
 #include "ground/model/simulation.h"
 
 namespace ground {
 namespace integration_test {
-
-Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 
 /// The thesis's step-size study: input (2.6), evaluated at the stages, from rest.
 RigidState<double> stepSizeStudy(double h, double duration) {
@@ -50,8 +47,7 @@ TEST(RungeKutta, ReproducesTheThesisStepSizeStudy) {
 }
 
 TEST(RungeKutta, KeepsKineticEnergy) {
-  Model model = tinyWhoover();
-  for (const char* damping : {"X_u", "Y_v", "N_r"}) model.setValue(damping, 0.0);
+  const Model model = undamped();
   const Dynamics<double> dynamics(model);
   const auto energy = [&model](const RigidState<double>& s) {
     const Body<double>& b = model.body;
@@ -63,18 +59,6 @@ TEST(RungeKutta, KeepsKineticEnergy) {
   Simulation<double> simulation(dynamics, none, start, 0.0);
   simulation.advance(10.0);
   EXPECT_LT(std::abs(energy(simulation.state()) / energy(start) - 1), 1e-6);
-}
-
-TEST(Simulation, LeftThrustAloneTurnsClockwiseSeenFromAbove) {
-  const Model model = tinyWhoover();
-  const Dynamics<double> dynamics(model);
-  InputSequence inputs;
-  inputs.add(0, 1, 0, 1);
-  Simulation<double> simulation(dynamics, inputs, {}, 0.0);
-  simulation.advance(0.3);
-  EXPECT_GT(simulation.state().eta.z(), 0.1);  // z down: positive yaw is clockwise from above
-  EXPECT_GT(simulation.state().eta.x(), 0);
-  EXPECT_GT(simulation.state().eta.y(), 0);  // therefore it drifts to starboard
 }
 
 TEST(Simulation, SettlesAtTheSpeedWhereThrustEqualsDamping) {
@@ -89,8 +73,7 @@ TEST(Simulation, SettlesAtTheSpeedWhereThrustEqualsDamping) {
 
 TEST(Simulation, EndsStepsAtRequestedTimesAndAtChangesOfTheCommand) {
   // The command changes between grid points; without damping the speed is impulse / mass.
-  Model model = tinyWhoover();
-  for (const char* damping : {"X_u", "Y_v", "N_r"}) model.setValue(damping, 0.0);
+  const Model model = undamped();
   const Dynamics<double> dynamics(model);
   InputSequence inputs;
   inputs.add(0.0123, 1, 1, 1);
@@ -105,10 +88,7 @@ TEST(Simulation, EndsStepsAtRequestedTimesAndAtChangesOfTheCommand) {
 TEST(MotorLag, GivesTheExactImpulseForAnyTimeConstant) {
   // Without damping the impulse after switching on is k (T - tau (1 - exp(-T/tau))).
   for (double tau : {0.0, 1e-6, 1e-4, 1e-3, 0.005, 0.05, 0.5}) {
-    Model model = tinyWhoover();
-    for (const char* damping : {"X_u", "Y_v", "N_r"}) model.setValue(damping, 0.0);
-    model.addEffect(makeEffect("motor_lag"));
-    model.setValue("motor_lag.tau", tau);
+    const Model model = withValues(undamped(), {{"motor_lag.tau", tau}});
     const Dynamics<double> dynamics(model);
     InputSequence inputs;
     inputs.add(0, 1, 1, 1);
@@ -137,10 +117,7 @@ TEST(Stepping, ItsStretchesReachTheRequestedTime) {
 }
 
 TEST(MotorLag, IsSettledToEarlierCommandsAtTheStart) {
-  Model model = tinyWhoover();
-  model.addEffect(makeEffect("motor_lag"));
-  model.setValue("motor_lag.tau", 0.1);
-  const Dynamics<double> dynamics(model);
+  const Dynamics<double> dynamics(withValues(tinyWhoover(), {{"motor_lag.tau", 0.1}}));
   InputSequence inputs;
   inputs.add(0, 1, 0.2, 1);
   inputs.add(0.3, 0.5, 1, 1);

@@ -8,7 +8,7 @@
 #include <limits>
 #include <random>
 
-#include "ground/model/effect_registry.h"
+#include "../crafts.h"
 #include "ground/model/expression_effect.h"
 #include "ground/model/plausibility.h"
 #include "ground/model/shortened.h"
@@ -42,12 +42,7 @@ std::string replaced(const std::string& from, const std::string& to) {
 }
 
 std::string complaint(const std::string& yaml) {
-  try {
-    parseModel(yaml, "craft.yaml");
-  } catch (const std::runtime_error& error) {
-    return error.what();
-  }
-  return "";
+  return refusal([&] { parseModel(yaml, "craft.yaml"); });
 }
 
 TEST(ModelFile, ReadsTheShippedCrafts) {
@@ -164,15 +159,6 @@ TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
   EXPECT_THROW(loadModel("no/such/model.yaml"), std::runtime_error);
 }
 
-std::string effectComplaint(const std::string& yaml) {
-  try {
-    withEffect(parseModel(kGood, "good"), yaml, "own.yaml");
-  } catch (const std::runtime_error& error) {
-    return error.what();
-  }
-  return "";
-}
-
 TEST(ModelFile, AnEffectFromAFileIsAddedOrRefusedWithItsLine) {
   const std::string gust =
       "name: gust\nexpression: {X: \"g*u\"}\nparameters:\n  g: {value: 0.1, unit: N s/m}\n";
@@ -193,7 +179,7 @@ TEST(ModelFile, AnEffectFromAFileIsAddedOrRefusedWithItsLine) {
   for (const Bad& bad : cases) {
     std::string text = gust;
     text.replace(text.find(bad.from), std::string(bad.from).size(), bad.to);
-    const std::string message = effectComplaint(text);
+    const std::string message = refusal([&] { withEffect(parseModel(kGood, "good"), text, "own.yaml"); });
     EXPECT_EQ(message.find(bad.expected), 0u) << bad.to << ": " << message;
   }
 }
@@ -254,13 +240,8 @@ TEST(ModelFile, TellsAtWhichVoltageThrustHolds) {
   };
   EXPECT_NEAR(surge(std::nullopt), 0.074 / model.body.m, 1e-12);
   EXPECT_NEAR(surge(6), 0.06 / model.body.m, 1e-12);
-  const std::string lacking = std::string(kGood) + "  - " + effect + "\n";
-  try {
-    parseModel(lacking, "f");
-    FAIL() << "volt needs volts";
-  } catch (const std::runtime_error& error) {
-    EXPECT_NE(std::string(error.what()).find("give body the key volts"), std::string::npos) << error.what();
-  }
+  const std::string said = complaint(std::string(kGood) + "  - " + effect + "\n");
+  EXPECT_NE(said.find("give body the key volts"), std::string::npos) << said;
 }
 
 TEST(ModelFile, EffectsAndFormulasHaveLimits) {
@@ -275,8 +256,6 @@ TEST(ModelFile, EffectsAndFormulasHaveLimits) {
   for (int i = 0; i < 40; ++i) parameters += "      a" + std::to_string(i) + ": {value: 0.01, unit: N}\n";
   EXPECT_NE(complaint(std::string(kGood) + parameters).find("more than 32 parameters"), std::string::npos);
 }
-
-Body<double> tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml").body; }
 
 TEST(Plausibility, SoundCraftsPassWithoutAWarning) {
   for (const char* craft : {"tiny_whoover", "tiny_whoover_4_1", "mvwt"}) {
@@ -328,7 +307,7 @@ TEST(Plausibility, NamesKeyAndProbableUnit) {
       {&Body<double>::input_max, 100, "input_max", "write 1 if it is in per cent"},
   };
   for (const auto& bad : cases) {
-    Body<double> body = tinyWhoover();
+    Body<double> body = tinyWhoover().body;
     body.*bad.place = bad.value;
     const auto found = implausibilities(body);
     ASSERT_EQ(found.size(), 1u) << bad.expected;
@@ -336,7 +315,7 @@ TEST(Plausibility, NamesKeyAndProbableUnit) {
     EXPECT_NE(found[0].message.find(bad.expected), std::string::npos) << found[0].message;
     EXPECT_FALSE(found[0].refused) << found[0].message;
   }
-  Body<double> two = tinyWhoover();
+  Body<double> two = tinyWhoover().body;
   two.X_u *= 1000;
   two.N_r *= 1000;
   EXPECT_EQ(implausibilities(two).size(), 2u);
@@ -344,19 +323,11 @@ TEST(Plausibility, NamesKeyAndProbableUnit) {
 
 TEST(Plausibility, ACraftThatCannotMoveIsRefusedWithFileLineAndKey) {
   const std::string path = testing::TempDir() + "implausible.yaml";
-  const auto complaintWith = [&](const std::string& from, const std::string& to) -> std::string {
-    std::ofstream(path) << replaced(from, to);
-    try {
-      loadModel(path);
-    } catch (const std::runtime_error& error) {
-      return error.what();
-    }
-    return "";
-  };
   for (const Bad& bad :
        {Bad{"input_max: 1", "input_max: 1e-300", "input_max: 1e-300"},
         Bad{"m: 0.06", "m: 60000", "m: 6e+04 kg"}, Bad{"k: 0.06", "k: 1.0e+6", "k: 1e+06 N"}}) {
-    const std::string message = complaintWith(bad.from, bad.to);
+    std::ofstream(path) << replaced(bad.from, bad.to);
+    const std::string message = refusal([&] { loadModel(path); });
     EXPECT_EQ(message.find(path + ", line 3: " + bad.expected), 0u) << message;
     EXPECT_NE(message.find("refused"), std::string::npos) << message;
     EXPECT_EQ(complaint(replaced(bad.from, bad.to)), "") << "models written by ground are read";

@@ -7,11 +7,10 @@
 #include <vector>
 
 #include "../artificial_run.h"
+#include "../crafts.h"
 #include "ground/control/predictive_control.h"
 #include "ground/control/tracking_law.h"
 #include "ground/identification/grey_box.h"
-#include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
 
 namespace ground {
 namespace symmetry_test {
@@ -116,13 +115,8 @@ TEST(Symmetry, PredictiveControlPlansTheSameInATurnedWorld) {
 
 /// A craft whose sides differ.
 Model lopsided() {
-  Model model = craft();
-  for (const char* effect : {"thrust_asymmetry", "yaw_bias", "body_force_bias"})
-    model.addEffect(makeEffect(effect));
-  model.setValue("thrust_asymmetry.a", 0.08);
-  model.setValue("yaw_bias.n0", 5e-5);
-  model.setValue("body_force_bias.y0", -0.003);
-  return model;
+  return withValues(craft(),
+                    {{"thrust_asymmetry.a", 0.08}, {"yaw_bias.n0", 5e-5}, {"body_force_bias.y0", -0.003}});
 }
 
 /// Parameters that a mirror turns round.

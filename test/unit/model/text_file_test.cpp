@@ -8,9 +8,9 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <functional>
-#include <stdexcept>
 #include <string>
+
+#include "../crafts.h"
 
 namespace ground {
 namespace text_file_test {
@@ -47,17 +47,8 @@ class TextFile : public testing::Test {
   std::string folder_;
 };
 
-std::string complaint(const std::function<void()>& read) {
-  try {
-    read();
-  } catch (const std::runtime_error& error) {
-    return error.what();
-  }
-  return "";
-}
-
-std::string complaint(const std::string& path) {
-  return complaint([&] { readTextFile(path, kLimit); });
+std::string complaint(const std::string& path, std::size_t limit = kLimit) {
+  return refusal([&] { readTextFile(path, limit); });
 }
 
 TEST_F(TextFile, IsReadWhole) {
@@ -82,7 +73,7 @@ TEST_F(TextFile, IsRefusedIfTooLarge) {
   EXPECT_EQ(complaint(path), path + ": it is larger than 1000 bytes");
   const std::string big = huge();
   for (const std::size_t megabytes : {1, 2, 300})
-    EXPECT_EQ(complaint([&] { readTextFile(big, megabytes * 1000000); }),
+    EXPECT_EQ(complaint(big, megabytes * 1000000),
               big + ": it is larger than " + std::to_string(megabytes) + " MB");
 }
 

@@ -10,9 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "../crafts.h"
 #include "ground/model/capability.h"
-#include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
 #include "ground/model/simulation.h"
 
@@ -327,49 +326,29 @@ TEST(EffectsOfOneThruster, HaveExactDerivatives) {
   checkDerivatives("thruster_tilt_front_right_left");
 }
 
-TEST(EffectsOfOneThruster, GainIsThatOfTheLayout) {
-  const Thrusters<double> input{0.2, 0.4, 0.6, -0.4};
+/// A craft of four thrusters with an effect moves as one whose thrusters are others.
+void expectSameAs(const std::vector<Thruster>& thrusters, const std::string& parameter, double value) {
+  const Thrusters<double> input{0.7, 0.4, 0.6, -0.4};
+  Model expected = four();
+  expected.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
+  expected.body.l = expected.thrusters->lever();
+  const Vector3<double> found = accelerationOf(withValues(four(), {{parameter, value}}), input);
+  EXPECT_LT((found - accelerationOf(expected, input)).norm(), 1e-12) << parameter;
+  EXPECT_GT((found - accelerationOf(four(), input)).norm(), 1e-3) << parameter;
+}
+
+TEST(ThrusterEffects, AreOtherGainsAndDirectionsOfTheLayout) {
+  const std::vector<Thruster> thrusters = four().thrusters->thrusters();
+  std::vector<Thruster> turned = thrusters;
   for (std::size_t i = 0; i < 4; ++i) {  // the last one pushes to the side, too
-    std::vector<Thruster> thrusters = four().thrusters->thrusters();
-    const std::string name = "thruster_gain_" + thrusters[i].name;
-    Model model = four();
-    model.addEffect(makeEffect(name, *model.thrusters));
-    model.setValue(name + ".a", -0.2);
-    thrusters[i].gain *= 0.8;
-    Model expected = four();
-    expected.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
-    EXPECT_LT((accelerationOf(model, input) - accelerationOf(expected, input)).norm(), 1e-12);
-    EXPECT_GT((accelerationOf(model, input) - accelerationOf(four(), input)).norm(), 1e-3);
+    std::vector<Thruster> weaker = thrusters, tilted = thrusters;
+    weaker[i].gain *= 0.8;
+    expectSameAs(weaker, "thruster_gain_" + thrusters[i].name + ".a", -0.2);
+    tilted[i].direction += 5;
+    expectSameAs(tilted, "thruster_tilt_" + thrusters[i].name + ".angle", 5 * M_PI / 180);
+    turned[i].direction += 5;
   }
-}
-
-TEST(EffectsOfOneThruster, TiltIsADirectionOfTheLayout) {
-  Model model = four();
-  model.addEffect(makeEffect("thruster_tilt_back_left", *model.thrusters));
-  const std::string summary = model.effects.back().effect->info().summary;
-  EXPECT_NE(summary.find(" back_left"), std::string::npos) << summary;
-  model.setValue("thruster_tilt_back_left.angle", 5 * M_PI / 180);
-  std::vector<Thruster> thrusters = four().thrusters->thrusters();
-  thrusters[0].direction += 5;
-  Model expected = four();
-  expected.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
-  expected.body.l = expected.thrusters->lever();
-  const Thrusters<double> input{0.7, 0.4, 0.6, -0.4};
-  EXPECT_LT((accelerationOf(model, input) - accelerationOf(expected, input)).norm(), 1e-12);
-  EXPECT_GT((accelerationOf(model, input) - accelerationOf(four(), input)).norm(), 1e-3);
-}
-
-TEST(ThrusterEffects, MisalignmentTurnsEveryThruster) {
-  Model model = four();
-  model.addEffect(makeEffect("thrust_misalignment"));
-  model.setValue("thrust_misalignment.angle", 0.1);
-  std::vector<Thruster> thrusters = four().thrusters->thrusters();
-  for (Thruster& one : thrusters) one.direction += 0.1 * 180 / M_PI;
-  Model expected = four();
-  expected.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
-  expected.body.l = expected.thrusters->lever();
-  const Thrusters<double> input{0.7, 0.4, 0.6, -0.4};
-  EXPECT_LT((accelerationOf(model, input) - accelerationOf(expected, input)).norm(), 1e-11);
+  expectSameAs(turned, "thrust_misalignment.angle", 5 * M_PI / 180);
 }
 
 TEST(ThrusterEffects, FormulasKnowThrustersByNameAndNumber) {

@@ -8,10 +8,9 @@
 #include <random>
 #include <string>
 
+#include "../crafts.h"
 #include "ground/control/controllers.h"
 #include "ground/control/reference_pilot.h"
-#include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
 
 namespace ground {
 namespace fence_bound_test {
@@ -91,10 +90,8 @@ TEST(FenceBound, FullAccelerationIsThatOfAllThrusters) {
 }
 
 TEST(FenceBound, FullAccelerationFollowsTheVoltage) {
-  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  Model model = withValues(tinyWhoover(), {{"battery_voltage.p", 2}});
   model.body.volts = 7.4;
-  model.addEffect(makeEffect("battery_voltage"));
-  model.setValue("battery_voltage.p", 2);
   ReferencePilot pilot([] { return 0.0; }, nullptr);
   pilot.setCraft(model);
   const double unknown = fullAcceleration(pilot, 0);

@@ -15,12 +15,11 @@
 #include <utility>
 #include <vector>
 
+#include "../crafts.h"
 #include "../faulty_craft.h"
 #include "ground/control/input_design.h"
 #include "ground/estimation/velocity_estimator.h"
-#include "ground/model/effect_registry.h"
 #include "ground/model/measurement.h"
-#include "ground/model/model_file.h"
 #include "ground/model/typical.h"
 #include "ground/safety/obedience_watch.h"
 #include "ground/simulation/experiment.h"
@@ -32,7 +31,7 @@ constexpr double kTimeout = 1.0;   // the sender's default [s]
 constexpr double kNever = 1e9;     // [s]
 constexpr double kDeafFrom = 5.0;  // [s]
 
-Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
+Model craft() { return tinyWhoover(); }
 
 /// A drive by a controller or of the design prbs, with a craft that is faulty from some time on.
 ExperimentLog drive(const Model& truth, const std::string& kind, double faulty_from, double duration,
@@ -120,15 +119,13 @@ TEST_P(Obedience, AModelWrongByAFactorOfTwoGivesNoFalseReport) {
 }
 
 TEST_P(Obedience, EffectsMissingInTheModelGiveNoFalseReport) {
-  const std::map<std::string, std::map<std::string, double>> effects = {{"motor_lag", {{"tau", 0.06}}},
-                                                                        {"input_delay", {{"delay", 0.15}}},
-                                                                        {"thrust_asymmetry", {{"a", 0.2}}},
-                                                                        {"coulomb_friction", {{"f", 0.01}}},
-                                                                        {"floor_tilt", {{"sx", 0.02}}}};
-  for (const auto& [name, values] : effects) {
-    Model truth = craft();
-    truth.addEffect(makeEffect(name));
-    for (const auto& [parameter, value] : values) truth.setValue(name + "." + parameter, value);
+  const std::map<std::string, double> values = {{"motor_lag.tau", 0.06},
+                                                {"input_delay.delay", 0.15},
+                                                {"thrust_asymmetry.a", 0.2},
+                                                {"coulomb_friction.f", 0.01},
+                                                {"floor_tilt.sx", 0.02}};
+  for (const auto& [name, value] : values) {
+    const Model truth = withValues(craft(), {{name, value}});
     EXPECT_EQ(reportedAt(drive(truth, GetParam(), kNever, 8)), 0) << name;
   }
 }
@@ -252,10 +249,8 @@ class WatchedFlight {
 };
 
 TEST(ObedienceWatch, KnowsTheVoltageThatTheCraftReports) {
-  Model model = craft();
+  Model model = withValues(craft(), {{"battery_voltage.p", 5}});
   model.body.volts = 7.4;
-  model.addEffect(makeEffect("battery_voltage"));
-  model.setValue("battery_voltage.p", 5);
   for (const bool told : {false, true}) {
     WatchedFlight flight(model);
     flight.volts = 4.8;  // a tenth of the thrust
@@ -266,10 +261,7 @@ TEST(ObedienceWatch, KnowsTheVoltageThatTheCraftReports) {
 
 // Thrust fades to an eighth. Who takes the next arming for the start of the drive expects all of it.
 TEST(ObedienceWatch, KnowsADriveThatBeganBeforeTheArming) {
-  Model model = craft();
-  model.addEffect(makeEffect("battery_sag"));
-  model.setValue("battery_sag.tau", 20);
-  WatchedFlight flight(model);
+  WatchedFlight flight(withValues(craft(), {{"battery_sag.tau", 20}}));
   ASSERT_EQ(flight.fly(40).second, "");
   flight.fly(0.5, false);
   EXPECT_EQ(flight.fly(5).second, "");

@@ -9,7 +9,7 @@
 #include <limits>
 #include <random>
 
-#include "ground/model/model_file.h"
+#include "../crafts.h"
 #include "ground/model/simulation.h"
 #include "ground/safety/fence.h"
 
@@ -119,12 +119,7 @@ std::string roomFile(const std::vector<std::string>& lines) {
 }
 
 std::string complaintOf(const std::string& path) {
-  try {
-    loadRoom(path);
-  } catch (const std::runtime_error& error) {
-    return error.what();
-  }
-  return "";
+  return refusal([&] { loadRoom(path); });
 }
 
 TEST(RoomFile, ComplaintsNameFileLineAndKey) {

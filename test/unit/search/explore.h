@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstdio>
 #include <cstdlib>
 #include <functional>
 #include <stdexcept>
@@ -86,15 +87,60 @@ struct Found {
   }
 };
 
-/// Tries each of `events` in every state that is reached from the ends of `roots`, sequences of events. A
-/// World can be copied and has
-/// - static const std::vector<std::string>& events(): their names,
-/// - bool possible(int event) const,
-/// - void apply(int event),
-/// - const std::string& violation() const: the broken invariant, or empty,
-/// - std::string story() const: the events so far in words, one a line, if it has been told to keep them,
-/// - void tell(): keeps the story from now on,
-/// - void show(Key&) const, double now() const and double stampNow() const.
+/// What happens in a world W, and what it is called.
+template <class W>
+struct Event {
+  std::string name;
+  std::function<void(W&)> run;
+};
+
+/// A world W for the search. W can be copied, and has its events, static const std::vector<Event<W>>&
+/// table(), and void show(Key&) const.
+template <class W>
+class World {
+ public:
+  static const std::vector<std::string>& events() {
+    static const std::vector<std::string> names = [] {
+      std::vector<std::string> result;
+      for (const Event<W>& event : W::table()) result.push_back(event.name);
+      return result;
+    }();
+    return names;
+  }
+  bool possible(int) const { return true; }
+  void apply(int event) {
+    const Event<W>& chosen = W::table()[static_cast<std::size_t>(event)];
+    if (told_) tell(chosen.name);
+    chosen.run(static_cast<W&>(*this));
+  }
+  /// The broken invariant, or empty.
+  const std::string& violation() const { return violation_; }
+  /// Keeps the story from now on: the events in words, one a line.
+  void tell() { told_ = true; }
+  const std::string& story() const { return story_; }
+  double now() const { return now_; }
+  double stampNow() const { return now_; }
+
+ protected:
+  /// Reports an invariant, unless another one was broken before.
+  void expect(bool holds, const char* invariant) {
+    if (!holds && violation_.empty()) violation_ = invariant;
+  }
+  void tell(const std::string& line) {
+    char text[200];
+    std::snprintf(text, sizeof text, "%8.3f s  %s\n", now_ - 64, line.c_str());
+    story_ += text;
+  }
+
+  double now_ = 64;  ///< [s]
+  std::string violation_;
+  bool told_ = false;
+
+ private:
+  std::string story_;
+};
+
+/// Tries each of `events` in every state that is reached from the ends of `roots`, sequences of events.
 template <class World>
 class Search {
  public:

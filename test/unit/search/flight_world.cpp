@@ -1,8 +1,6 @@
 #include "flight_world.h"
 
 #include <algorithm>
-#include <cstdio>
-#include <functional>
 #include <limits>
 #include <utility>
 
@@ -21,61 +19,37 @@ const MotorCommand kRivals{0.125, 0.375, 0.5};
 
 }  // namespace
 
-struct FlightEvents {
+const std::vector<search::Event<FlightWorld>>& FlightWorld::table() {
   using W = FlightWorld;
-  struct Event {
-    std::string name;
-    std::function<void(W&)> run;
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  static const std::vector<search::Event<W>> all = {
+      {"pose", [](W& w) { w.measure(); }},
+      {"invalid pose", [](W& w) { w.measure(0, 0, false); }},
+      {"state of NaN", [](W& w) { w.measure(kNan, 0); }},
+      {"pose 1.7 m off", [](W& w) { w.measure(1.7, 0); }},
+      {"pose 0.19 s old", [](W& w) { w.measure(0, 0, true, 0.19); }},
+      {"pose of a craft that leaves the room", [](W& w) { w.measure(0, 3); }},
+      {"pose of a quick craft", [](W& w) { w.measure(0, kQuick); }},
+      {"telemetry", [](W& w) { w.telemetry(); }},
+      {"arm", [](W& w) { w.arm(true); }},
+      {"disarm", [](W& w) { w.arm(false); }},
+      {"start", [](W& w) { w.start(true); }},
+      {"stop", [](W& w) { w.start(false); }},
+      {"second controller that says who it is", [](W& w) { w.rival("/rival"); }},
+      {"second controller that does not", [](W& w) { w.rival(""); }},
+      {"clock set", [](W& w) { w.clockSet(); }},
+      {"the controller is killed", [](W& w) { w.kill(); }},
+      {"the sender ends", [](W& w) { w.sendersEnd(); }},
+      {"silence of 0.5 s", [](W& w) { w.silence(); }},
+      {"0.1 s without poses", [](W& w) { w.pass(0.1, false); }},
+      {"0.2 s without poses", [](W& w) { w.pass(0.2, false); }},
+      {"0.5 s without poses", [](W& w) { w.pass(0.5, false); }},
+      {"2.5 s without poses", [](W& w) { w.pass(2.5, false); }},
+      {"0.1 s with poses", [](W& w) { w.pass(0.1, true); }},
+      {"1.1 s with poses", [](W& w) { w.pass(1.1, true); }},
   };
-  static const std::vector<Event>& all() {
-    constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-    static const std::vector<Event> table = {
-        {"pose", [](W& w) { w.measure({}); }},
-        {"invalid pose",
-         [=](W& w) {
-           w.measure({0, 0, false, 0});
-         }},
-        {"state of NaN",
-         [=](W& w) {
-           w.measure({kNan, 0, true, 0});
-         }},
-        {"pose 1.7 m off",
-         [](W& w) {
-           w.measure({1.7, 0, true, 0});
-         }},
-        {"pose 0.19 s old",
-         [](W& w) {
-           w.measure({0, 0, true, 0.19});
-         }},
-        {"pose of a craft that leaves the room",
-         [](W& w) {
-           w.measure({0, 3, true, 0});
-         }},
-        {"pose of a quick craft",
-         [](W& w) {
-           w.measure({0, kQuick, true, 0});
-         }},
-        {"telemetry", [](W& w) { w.telemetry(); }},
-        {"arm", [](W& w) { w.arm(true); }},
-        {"disarm", [](W& w) { w.arm(false); }},
-        {"start", [](W& w) { w.start(true); }},
-        {"stop", [](W& w) { w.start(false); }},
-        {"second controller that says who it is", [](W& w) { w.rival("/rival"); }},
-        {"second controller that does not", [](W& w) { w.rival(""); }},
-        {"clock set", [](W& w) { w.clockSet(); }},
-        {"the controller is killed", [](W& w) { w.kill(); }},
-        {"the sender ends", [](W& w) { w.sendersEnd(); }},
-        {"silence of 0.5 s", [](W& w) { w.silence(); }},
-        {"0.1 s without poses", [](W& w) { w.pass(0.1, false); }},
-        {"0.2 s without poses", [](W& w) { w.pass(0.2, false); }},
-        {"0.5 s without poses", [](W& w) { w.pass(0.5, false); }},
-        {"2.5 s without poses", [](W& w) { w.pass(2.5, false); }},
-        {"0.1 s with poses", [](W& w) { w.pass(0.1, true); }},
-        {"1.1 s with poses", [](W& w) { w.pass(1.1, true); }},
-    };
-    return table;
-  }
-};
+  return all;
+}
 
 FlightWorld::FlightWorld(Shared& shared)
     : shared_(&shared),
@@ -96,22 +70,11 @@ FlightWorld::FlightWorld(Shared& shared)
   guard_.setFence(room_.fence);
 }
 
-const std::vector<std::string>& FlightWorld::events() {
-  static const std::vector<std::string> names = [] {
-    std::vector<std::string> result;
-    for (const FlightEvents::Event& event : FlightEvents::all()) result.push_back(event.name);
-    return result;
-  }();
-  return names;
-}
-
 void FlightWorld::apply(int event) {
-  const FlightEvents::Event& chosen = FlightEvents::all()[static_cast<std::size_t>(event)];
-  if (told_) tell(chosen.name);
   shared_->pilot.begin(false, false, false, false, false);
   shared_->packets.clear();
   given_ = 0;
-  chosen.run(*this);
+  World::apply(event);
 }
 
 void FlightWorld::show(Key& key) const {
@@ -126,18 +89,17 @@ void FlightWorld::show(Key& key) const {
   key.deadline(silent_until_);
 }
 
-void FlightWorld::measure(const Pose& pose) {
+void FlightWorld::measure(double x, double u, bool valid, double age) {
   MeasuredState state;
-  state.stamp = now_ - pose.age;
-  state.state.eta = Vector3<double>(pose.x, 0, 0);
-  state.state.nu = Vector3<double>(pose.u, 0, 0);
-  state.valid = pose.valid;
-  const bool finite = std::isfinite(pose.x);
-  const bool valid = pose.valid && finite;
-  if (valid) last_valid_ = std::max(last_valid_, state.stamp);
-  if (life_.driving() && (!finite || (valid && (pose.x != 0 || pose.u > kQuick)))) cut();
-  link_.state(now_, pose.age, valid, "lost");
-  room_.measure(now_, {state.stamp, pose.x, pose.u, 0, pose.valid, finite});
+  state.stamp = now_ - age;
+  state.state.eta = Vector3<double>(x, 0, 0);
+  state.state.nu = Vector3<double>(u, 0, 0);
+  state.valid = valid;
+  const bool finite = std::isfinite(x), usable = valid && finite;
+  if (usable) last_valid_ = std::max(last_valid_, state.stamp);
+  if (life_.driving() && (!finite || (usable && (x != 0 || u > kQuick)))) cut();
+  link_.state(now_, age, usable, "lost");
+  room_.measure(now_, {state.stamp, x, u, 0, valid, finite});
   guard_.state(now_, state);
   confine();
   if (alive_) life_.state(instant(), state);
@@ -214,7 +176,7 @@ void FlightWorld::pass(double duration, bool fed) {
   while (violation_.empty()) {
     if (now_ >= next_frame) {
       telemetry();
-      measure({});
+      measure();
       next_frame += kFrame;
     }
     if (now_ >= until) break;
@@ -290,16 +252,10 @@ void FlightWorld::check() {
   }
   shared_->packets.clear();
   const bool over = !by_hand_ || !started_;
-  if (violation_.empty() && sent_ && over && now_ - cut_at_ > kThrustAfterEnd &&
-      now_ > silent_until_ + kPeriod && last_.thrust() > 0)
-    violation_ = "zeros-after-end: no zeros after the end";
+  expect(!sent_ || !over || now_ - cut_at_ <= kThrustAfterEnd || now_ <= silent_until_ + kPeriod ||
+             last_.thrust() <= 0,
+         "zeros-after-end: no zeros after the end");
   if (told_ && !violation_.empty()) tell("  " + violation_);
-}
-
-void FlightWorld::tell(const std::string& line) {
-  char text[200];
-  std::snprintf(text, sizeof text, "%8.3f s  %s\n", now_ - 64, line.c_str());
-  story_ += text;
 }
 
 }  // namespace flight_search

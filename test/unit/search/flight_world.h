@@ -24,30 +24,18 @@ struct Shared {
   std::vector<MotorCommand> packets;
 };
 
-class FlightWorld {
+class FlightWorld : public search::World<FlightWorld> {
  public:
   explicit FlightWorld(Shared& shared);
 
-  static const std::vector<std::string>& events();
-  bool possible(int) const { return true; }
+  static const std::vector<search::Event<FlightWorld>>& table();
   void apply(int event);
-  const std::string& violation() const { return violation_; }
-  void tell() { told_ = true; }
-  const std::string& story() const { return story_; }
-  double now() const { return now_; }
-  double stampNow() const { return now_; }
   void show(Key& key) const;
 
  private:
-  friend struct FlightEvents;
-  struct Pose {
-    double x = 0, u = 0;
-    bool valid = true;
-    double age = 0;
-  };
-
   Instant instant() const { return {now_, now_}; }
-  void measure(const Pose& pose);
+  /// A pose at x, with the velocity u.
+  void measure(double x = 0, double u = 0, bool valid = true, double age = 0);
   void rival(const std::string& name);
   void telemetry();
   void arm(bool armed);
@@ -66,14 +54,12 @@ class FlightWorld {
   /// Something happened after which thrust has to end for good. A controller that still waits for an armed
   /// sender may go on to wait.
   void cut(bool waiting_goes_on = false);
-  void tell(const std::string& line);
 
   Shared* shared_;
   GroundLink link_;
   FenceGuard guard_;
   search::FenceSpec room_{Fence(Room(), 0), {}, {}, {}};  ///< what guard_ has to know
   ControllerLifecycle life_;
-  double now_ = 64;
   std::size_t given_ = 0;  ///< commands of the controller that the link has got
   bool alive_ = true;      ///< the controller has not been killed
   bool told_armed_ = false;
@@ -87,8 +73,6 @@ class FlightWorld {
   bool rivals_ = false;        ///< a controller took over from another one, which had lifted
   MotorCommand last_;
   bool sent_ = false;
-  std::string violation_, story_;
-  bool told_ = false;
 };
 
 }  // namespace flight_search

@@ -1,7 +1,6 @@
 #include "lifecycle_world.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <functional>
 #include <limits>
 #include <utility>
@@ -51,55 +50,49 @@ double SearchPilot::nextChange(double elapsed) const {
   return kBit * (std::floor(elapsed / kBit) + 1);
 }
 
-struct LifecycleEvents {
+const std::vector<search::Event<LifecycleWorld>>& LifecycleWorld::table() {
   using W = LifecycleWorld;
-  struct Event {
-    std::string name;
-    std::function<void(W&)> run;
+  static const std::vector<search::Event<W>> all = {
+      {"state", [](W& w) { w.state(); }},
+      {"old state", [](W& w) { w.state(0, 0, true, w.spec_.params.state_timeout - kTick); }},
+      {"stale state", [](W& w) { w.state(0, 0, true, w.spec_.params.state_timeout); }},
+      {"state a second ahead", [](W& w) { w.state(0, 0, true, -1); }},
+      {"state from the future", [](W& w) { w.state(0, 0, true, -1 - kTick); }},
+      {"invalid state", [](W& w) { w.state(0, 0, false); }},
+      {"state of NaN", [](W& w) { w.state(kNan); }},
+      {"state 0.15 m off", [](W& w) { w.state(0.15); }},
+      {"state 0.25 m off", [](W& w) { w.state(0.25); }},
+      {"state 1 m off", [](W& w) { w.state(1); }},
+      {"state turned by 0.5 rad", [](W& w) { w.state(0, 0, true, 0, 0.5); }},
+      {"state turned by 0.65 rad", [](W& w) { w.state(0, 0, true, 0, 0.65); }},
+      {"state of a quick craft", [](W& w) { w.state(0, kQuick); }},
+      {"old state of a quick craft", [](W& w) { w.state(0, kQuick, true, 0.125); }},
+      {"state of a craft that leaves the room", [](W& w) { w.state(0, kFast); }},
+      {"start", [](W& w) { w.start(); }},
+      {"stop", [](W& w) { w.stop(); }},
+      {"the sender is armed", [](W& w) { w.sender(true); }},
+      {"the sender is not armed", [](W& w) { w.sender(false); }},
+      {"another controller drives", [](W& w) { w.other(1); }},
+      {"another controller, without lift", [](W& w) { w.other(0); }},
+      {"zero command", [](W& w) { w.zero(); }},
+      {"clock set back by 2 s", [](W& w) { w.clockSet(-2); }},
+      {"clock set ahead by 2 s", [](W& w) { w.clockSet(2); }},
+      {"clock set back by 0.1 s", [](W& w) { w.clockSet(-kDrift); }},
+      {"clock set ahead by 0.1 s", [](W& w) { w.clockSet(kDrift); }},
+      {"the pilot objects", [](W& w) { w.objects_ = !w.objects_; }},
+      {"the pilot computes NaN", [](W& w) { w.fails_ = !w.fails_; }},
+      {"the pilot throws", [](W& w) { w.throws_ = !w.throws_; }},
+      {"until just before a limit", [](W& w) { w.waitForLimit(-1, false); }},
+      {"until a limit", [](W& w) { w.waitForLimit(0, false); }},
+      {"until just after a limit", [](W& w) { w.waitForLimit(1, false); }},
+      {"with states, until just before a limit", [](W& w) { w.waitForLimit(-1, true); }},
+      {"with states, until a limit", [](W& w) { w.waitForLimit(0, true); }},
+      {"with states, until just after a limit", [](W& w) { w.waitForLimit(1, true); }},
+      {"5 ms pass", [](W& w) { w.pass(w.now_ + 5 * kTick, false); }},
+      {"nobody calls for 3 s", [](W& w) { w.now_ += kStall; }},
   };
-  static const std::vector<Event>& all() {
-    static const std::vector<Event> table = {
-        {"state", [](W& w) { w.state(); }},
-        {"old state", [](W& w) { w.state(0, 0, true, w.spec_.params.state_timeout - kTick); }},
-        {"stale state", [](W& w) { w.state(0, 0, true, w.spec_.params.state_timeout); }},
-        {"state a second ahead", [](W& w) { w.state(0, 0, true, -1); }},
-        {"state from the future", [](W& w) { w.state(0, 0, true, -1 - kTick); }},
-        {"invalid state", [](W& w) { w.state(0, 0, false); }},
-        {"state of NaN", [](W& w) { w.state(kNan); }},
-        {"state 0.15 m off", [](W& w) { w.state(0.15); }},
-        {"state 0.25 m off", [](W& w) { w.state(0.25); }},
-        {"state 1 m off", [](W& w) { w.state(1); }},
-        {"state turned by 0.5 rad", [](W& w) { w.state(0, 0, true, 0, 0.5); }},
-        {"state turned by 0.65 rad", [](W& w) { w.state(0, 0, true, 0, 0.65); }},
-        {"state of a quick craft", [](W& w) { w.state(0, kQuick); }},
-        {"old state of a quick craft", [](W& w) { w.state(0, kQuick, true, 0.125); }},
-        {"state of a craft that leaves the room", [](W& w) { w.state(0, kFast); }},
-        {"start", [](W& w) { w.start(); }},
-        {"stop", [](W& w) { w.stop(); }},
-        {"the sender is armed", [](W& w) { w.sender(true); }},
-        {"the sender is not armed", [](W& w) { w.sender(false); }},
-        {"another controller drives", [](W& w) { w.other(1); }},
-        {"another controller, without lift", [](W& w) { w.other(0); }},
-        {"zero command", [](W& w) { w.zero(); }},
-        {"clock set back by 2 s", [](W& w) { w.clockSet(-2); }},
-        {"clock set ahead by 2 s", [](W& w) { w.clockSet(2); }},
-        {"clock set back by 0.1 s", [](W& w) { w.clockSet(-kDrift); }},
-        {"clock set ahead by 0.1 s", [](W& w) { w.clockSet(kDrift); }},
-        {"the pilot objects", [](W& w) { w.objects_ = !w.objects_; }},
-        {"the pilot computes NaN", [](W& w) { w.fails_ = !w.fails_; }},
-        {"the pilot throws", [](W& w) { w.throws_ = !w.throws_; }},
-        {"until just before a limit", [](W& w) { w.waitForLimit(-1, false); }},
-        {"until a limit", [](W& w) { w.waitForLimit(0, false); }},
-        {"until just after a limit", [](W& w) { w.waitForLimit(1, false); }},
-        {"with states, until just before a limit", [](W& w) { w.waitForLimit(-1, true); }},
-        {"with states, until a limit", [](W& w) { w.waitForLimit(0, true); }},
-        {"with states, until just after a limit", [](W& w) { w.waitForLimit(1, true); }},
-        {"5 ms pass", [](W& w) { w.pass(w.now_ + 5 * kTick, false); }},
-        {"nobody calls for 3 s", [](W& w) { w.now_ += kStall; }},
-    };
-    return table;
-  }
-};
+  return all;
+}
 
 struct LifecycleWorld::Before {
   LifecycleSpec::State state;
@@ -119,21 +112,6 @@ LifecycleWorld::LifecycleWorld(const LifecycleParams& params, SearchPilot& pilot
   spec_.end = pilot.end();
   pilot.blind = !params.require_state;
   spec_.closed_loop = pilot.loop == SearchPilot::Loop::kClosed;
-}
-
-const std::vector<std::string>& LifecycleWorld::events() {
-  static const std::vector<std::string> names = [] {
-    std::vector<std::string> result;
-    for (const LifecycleEvents::Event& event : LifecycleEvents::all()) result.push_back(event.name);
-    return result;
-  }();
-  return names;
-}
-
-void LifecycleWorld::apply(int event) {
-  const LifecycleEvents::Event& chosen = LifecycleEvents::all()[static_cast<std::size_t>(event)];
-  if (told_) tell(chosen.name);
-  chosen.run(*this);
 }
 
 void LifecycleWorld::show(Key& key) const {
@@ -189,7 +167,7 @@ void LifecycleWorld::other(double lift) {
   const Before seen = before();
   spec_.otherDrives(instant(), lift);
   life_.otherDrives(instant(), "another", lift);
-  if (violation_.empty() && !pilot_->sent.empty()) violation_ = "other: a command was sent beside another's";
+  expect(pilot_->sent.empty(), "other: a command was sent beside another's");
   check(seen, "other");
 }
 
@@ -201,9 +179,9 @@ void LifecycleWorld::tick() {
   check(seen, "tick");
   const bool waits = spec_.closed_loop && seen.state == LifecycleSpec::State::kRunning &&
                      spec_.state == LifecycleSpec::State::kRunning;
-  if (violation_.empty() && waits && !pilot_->sent.empty() &&
-      now_ - sent_before < ControllerLifecycle::kKeepalive + 1 / spec_.params.rate - kTick)
-    violation_ = "keepalive: a closed loop does not wait for the next state";
+  expect(!waits || pilot_->sent.empty() ||
+             now_ - sent_before >= ControllerLifecycle::kKeepalive + 1 / spec_.params.rate - kTick,
+         "keepalive: a closed loop does not wait for the next state");
   if (violation_.empty()) violation_ = pauseProblem();
 }
 
@@ -214,8 +192,7 @@ void LifecycleWorld::zero() {
   active_ += pilot_->active;
   switched_ = pilot_->switched;
   const bool sent = pilot_->sent.size() == 1 && pilot_->sent.back().zero();
-  if (violation_.empty() && sent == spec_.othersDrive(instant()))
-    violation_ = "zeros: none was sent, or beside another's";
+  expect(sent != spec_.othersDrive(instant()), "zeros: none was sent, or beside another's");
   if (!sent) return;
   sent_at_ = now_;
   spec_.room.sends(instant().time, 0);
@@ -289,9 +266,8 @@ void LifecycleWorld::check(const Before& seen, const std::string& call) {
   // The pilot may end the drive whenever it is asked, and on the bench when it begins to drive by the state.
   const bool by_pilot = life_.current() == State::kStopped && spec_.state == State::kRunning &&
                         (pilot_->failed || objects_ || (pilot_->blind && drove_by_state));
-  if (pilot_->disregarded) violation_ = "pilot: it objects, and is asked for a command";
-  if (pilot_->failed && life_.current() != State::kStopped)
-    violation_ = "finite: a command of NaN stops nothing";
+  expect(!pilot_->failed || life_.current() == State::kStopped, "finite: a command of NaN stops nothing");
+  expect(!pilot_->disregarded, "pilot: it objects, and is asked for a command");
   if (violation_.empty()) violation_ = sentProblem();
   if (by_pilot) spec_.change(State::kStopped);
   noteThrown();
@@ -302,10 +278,9 @@ void LifecycleWorld::check(const Before& seen, const std::string& call) {
 /// A pilot that throws ends the drive at once, and is called no more.
 void LifecycleWorld::noteThrown() {
   threw_ = pilot_->threw;
-  if (violation_.empty() && pilot_->pestered) violation_ = "pilot: it has thrown, and is called";
+  expect(!pilot_->pestered, "pilot: it has thrown, and is called");
   if (!pilot_->throws_now) return;
-  if (violation_.empty() && life_.current() != LifecycleSpec::State::kStopped)
-    violation_ = "pilot: it throws, and that stops nothing";
+  expect(life_.current() == LifecycleSpec::State::kStopped, "pilot: it throws, and that stops nothing");
   spec_.change(LifecycleSpec::State::kStopped);
 }
 
@@ -376,12 +351,6 @@ std::string LifecycleWorld::pauseProblem() const {
   if (!spec_.othersDrive(at) && now_ - std::max(sent_at_, spec_.others_until) > longest)
     return "keepalive: no command for too long";
   return "";
-}
-
-void LifecycleWorld::tell(const std::string& line) {
-  char text[200];
-  std::snprintf(text, sizeof text, "%8.3f s  %s\n", now_ - 64, line.c_str());
-  story_ += text;
 }
 
 }  // namespace lifecycle_search

@@ -79,23 +79,16 @@ struct SearchPilot : Pilot {
   int changes = 0;  ///< calls of Changed
 };
 
-class LifecycleWorld {
+class LifecycleWorld : public search::World<LifecycleWorld> {
  public:
   LifecycleWorld(const LifecycleParams& params, SearchPilot& pilot);
   LifecycleWorld(const LifecycleWorld&) = default;
 
-  static const std::vector<std::string>& events();
-  bool possible(int) const { return true; }
-  void apply(int event);
-  const std::string& violation() const { return violation_; }
-  void tell() { told_ = true; }
-  const std::string& story() const { return story_; }
-  double now() const { return now_; }
+  static const std::vector<search::Event<LifecycleWorld>>& table();
   double stampNow() const { return now_ + ahead_; }
   void show(Key& key) const;
 
  private:
-  friend struct LifecycleEvents;
   struct Before;
 
   Instant instant() const { return {now_, now_ + ahead_}; }
@@ -117,18 +110,15 @@ class LifecycleWorld {
   std::string sentProblem() const;
   std::string stateProblem(const Before& before) const;
   std::string pauseProblem() const;
-  void tell(const std::string& line);
 
   SearchPilot* pilot_;
   ControllerLifecycle life_;
   LifecycleSpec spec_;
-  double now_ = 64, ahead_ = 0;  ///< steady clock, and what the clock of stamps is ahead [s]
+  double ahead_ = 0;  ///< what the clock of stamps is ahead of the steady clock [s]
   bool objects_ = false, fails_ = false, switched_ = false, throws_ = false, threw_ = false;
   int active_ = 0;
   double sent_at_ = 64;  ///< time of the last command [s]
   Inputs sent_;
-  std::string violation_, story_;
-  bool told_ = false;
 };
 
 }  // namespace lifecycle_search

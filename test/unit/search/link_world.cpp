@@ -1,12 +1,11 @@
 #include "link_world.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <functional>
 #include <limits>
-#include <stdexcept>
 #include <utility>
 
+#include "../crafts.h"
 #include "wire.h"
 
 namespace ground {
@@ -19,6 +18,7 @@ constexpr double kStall = 3;        // nobody calls for so long [s]
 const UdpAddress kCraft{0x0a000002, 4000}, kRestarted{0x0a000002, 4001}, kStranger{0x0a000003, 4000};
 constexpr std::uint32_t kCount = 1000;  // first count of a craft; no sequence reaches 0
 const MotorCommand kZero{}, kDrive{0.5, 0.25, 1}, kStrong{0.5, 0.75, 1}, kOther{0.125, 0.375, 0.5};
+const MotorCommand kInvalid{kNan, 0, 1}, kWithoutLift{0, 0.5, 0}, kLift{0, 0, 0.5};
 
 const char* nameOf(GroundLink::State state) {
   static const char* const names[] = {"DISARMED", "ARMED", "FAULT"};
@@ -27,105 +27,94 @@ const char* nameOf(GroundLink::State state) {
 
 }  // namespace
 
-struct LinkEvents {
-  using W = LinkWorld;
-  struct Event {
-    std::string name;
-    std::function<void(W&)> run;
+using W = LinkWorld;
+using Events = std::vector<search::Event<W>>;
+
+const Events& W::table() {
+  static const Events all = [] {
+    Events result = inputs();
+    for (const auto& part : {faults(), times()}) result.insert(result.end(), part.begin(), part.end());
+    return result;
+  }();
+  return all;
+}
+
+Events W::inputs() {
+  return {
+      {"state", [](W& w) { w.state(); }},
+      {"old state", [](W& w) { w.state(true, w.params_.state_timeout - kTick); }},
+      {"stale state", [](W& w) { w.state(true, w.params_.state_timeout); }},
+      {"state from the future", [](W& w) { w.state(true, -1 - kTick); }},
+      {"state a second ahead", [](W& w) { w.state(true, -1); }},
+      {"state of age NaN", [](W& w) { w.state(true, kNan); }},
+      {"invalid state", [](W& w) { w.state(false); }},
+      {"zero command", [](W& w) { w.command(kZero); }},
+      {"command", [](W& w) { w.command(kDrive); }},
+      {"strong command", [](W& w) { w.command(kStrong); }},
+      {"old command", [](W& w) { w.command(kDrive, "/a", w.params_.command_timeout - kTick); }},
+      {"stale command", [](W& w) { w.command(kDrive, "/a", w.params_.command_timeout); }},
+      {"command from the future", [](W& w) { w.command(kDrive, "/a", -1 - kTick); }},
+      {"command a second ahead", [](W& w) { w.command(kDrive, "/a", -1); }},
+      {"command of NaN", [](W& w) { w.command(kInvalid); }},
+      {"command without lift", [](W& w) { w.command(kWithoutLift); }},
+      {"lift alone", [](W& w) { w.command(kLift); }},
+      {"command for more thrusters", [](W& w) { w.command(kDrive, "/a", 0, 1); }},
+      {"zero command of another", [](W& w) { w.command(kZero, "/b"); }},
+      {"command of another", [](W& w) { w.command(kOther, "/b"); }},
+      {"hello", [](W& w) { w.datagram(kCraft, {}); }},
+      {"telemetry", [](W& w) { w.telemetry(kCraft); }},
+      {"telemetry with a new count", [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(kCount) + 1); }},
+      {"telemetry with the same count", [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(kCount)); }},
+      {"telemetry with a lower count", [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(kCount) - 1); }},
+      {"telemetry with a boot id", [](W& w) { w.telemetry(kCraft, {}, w.spec_.boot.value_or(0)); }},
+      {"telemetry of a restarted craft with a boot id",
+       [](W& w) { w.telemetry(kCraft, kCount - 100, w.spec_.boot.value_or(0) + 1); }},
+      {"telemetry of the other port", [](W& w) { w.telemetry(kRestarted); }},
+      {"telemetry of a stranger", [](W& w) { w.telemetry(kStranger); }},
+      {"hello of a stranger", [](W& w) { w.datagram(kStranger, {}); }},
   };
-  static const std::vector<Event>& all() {
-    static const std::vector<Event> table = [] {
-      std::vector<Event> result = inputs();
-      for (const auto& part : {faults(), times()}) result.insert(result.end(), part.begin(), part.end());
-      return result;
-    }();
-    return table;
-  }
-  static std::vector<Event> inputs() {
-    return {
-        {"state", [](W& w) { w.state(); }},
-        {"old state", [](W& w) { w.state(true, w.params_.state_timeout - kTick); }},
-        {"stale state", [](W& w) { w.state(true, w.params_.state_timeout); }},
-        {"state from the future", [](W& w) { w.state(true, -1 - kTick); }},
-        {"state a second ahead", [](W& w) { w.state(true, -1); }},
-        {"state of age NaN", [](W& w) { w.state(true, kNan); }},
-        {"invalid state", [](W& w) { w.state(false); }},
-        {"zero command", [](W& w) { w.command(kZero); }},
-        {"command", [](W& w) { w.command(kDrive); }},
-        {"strong command", [](W& w) { w.command(kStrong); }},
-        {"old command", [](W& w) { w.command(kDrive, "/a", w.params_.command_timeout - kTick); }},
-        {"stale command", [](W& w) { w.command(kDrive, "/a", w.params_.command_timeout); }},
-        {"command from the future", [](W& w) { w.command(kDrive, "/a", -1 - kTick); }},
-        {"command a second ahead", [](W& w) { w.command(kDrive, "/a", -1); }},
-        {"command of NaN",
-         [](W& w) {
-           w.command({kNan, 0, 1});
-         }},
-        {"command without lift",
-         [](W& w) {
-           w.command({0, 0.5, 0});
-         }},
-        {"lift alone",
-         [](W& w) {
-           w.command({0, 0, 0.5});
-         }},
-        {"command for more thrusters", [](W& w) { w.command(kDrive, "/a", 0, 1); }},
-        {"zero command of another", [](W& w) { w.command(kZero, "/b"); }},
-        {"command of another", [](W& w) { w.command(kOther, "/b"); }},
-        {"hello", [](W& w) { w.datagram(kCraft, {}); }},
-        {"telemetry", [](W& w) { w.telemetry(kCraft); }},
-        {"telemetry with a new count", [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(kCount) + 1); }},
-        {"telemetry with the same count", [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(kCount)); }},
-        {"telemetry with a lower count",
-         [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(kCount) - 1); }},
-        {"telemetry with a boot id", [](W& w) { w.telemetry(kCraft, {}, w.spec_.boot.value_or(0)); }},
-        {"telemetry of a restarted craft with a boot id",
-         [](W& w) { w.telemetry(kCraft, kCount - 100, w.spec_.boot.value_or(0) + 1); }},
-        {"telemetry of the other port", [](W& w) { w.telemetry(kRestarted); }},
-        {"telemetry of a stranger", [](W& w) { w.telemetry(kStranger); }},
-        {"hello of a stranger", [](W& w) { w.datagram(kStranger, {}); }},
-    };
-  }
-  static std::vector<Event> faults() {
-    return {
-        {"arm", [](W& w) { w.arm(); }},
-        {"disarm", [](W& w) { w.disarm(); }},
-        {"end", [](W& w) { w.stop(); }},
-        {"silence of 0.5 s", [](W& w) { w.silence(0.5); }},
-        {"silence of 2 s", [](W& w) { w.silence(2); }},
-        {"silence of no time", [](W& w) { w.silence(0); }},
-        {"too long a silence", [](W& w) { w.silence(2 + kTick); }},
-        {"zero packet", [](W& w) { w.zero(); }},
-        {"clock set", [](W& w) { w.clockSet(); }},
-        {"the craft does not obey", [](W& w) { w.disobeyed(); }},
-        {"the craft leaves the room", [](W& w) { w.confine(false); }},
-        {"the craft is in the room", [](W& w) { w.confine(true); }},
-        {"packets cannot be sent", [](W& w) { w.broken_ = true; }},
-        {"packets can be sent", [](W& w) { w.broken_ = false; }},
-        {"half as long timeouts", [](W& w) { w.setParams(true); }},
-        {"timeouts as before", [](W& w) { w.setParams(false); }},
-        {"bad parameters", [](W& w) { w.setBadParams(); }},
-    };
-  }
-  static std::vector<Event> times() {
-    using F = W::Feed;
-    return {
-        {"until just before a limit", [](W& w) { w.waitForLimit(-1, F::kNothing); }},
-        {"until a limit", [](W& w) { w.waitForLimit(0, F::kNothing); }},
-        {"until just after a limit", [](W& w) { w.waitForLimit(1, F::kNothing); }},
-        {"driving, until just before a limit", [](W& w) { w.waitForLimit(-1, F::kDrive); }},
-        {"driving, until a limit", [](W& w) { w.waitForLimit(0, F::kDrive); }},
-        {"driving, until just after a limit", [](W& w) { w.waitForLimit(1, F::kDrive); }},
-        {"driving, the count stands still until just before its limit",
-         [](W& w) { w.waitForLimit(-1, F::kStuckCount); }},
-        {"driving, the count stands still until its limit", [](W& w) { w.waitForLimit(0, F::kStuckCount); }},
-        {"driving, the count stands still until just after its limit",
-         [](W& w) { w.waitForLimit(1, F::kStuckCount); }},
-        {"5 ms pass", [](W& w) { w.pass(w.now_ + 5 * kTick, F::kNothing); }},
-        {"nobody calls for 3 s", [](W& w) { w.now_ += kStall; }},
-    };
-  }
-};
+}
+
+Events W::faults() {
+  return {
+      {"arm", [](W& w) { w.arm(); }},
+      {"disarm", [](W& w) { w.disarm(); }},
+      {"end", [](W& w) { w.stop(); }},
+      {"silence of 0.5 s", [](W& w) { w.silence(0.5); }},
+      {"silence of 2 s", [](W& w) { w.silence(2); }},
+      {"silence of no time", [](W& w) { w.silence(0); }},
+      {"too long a silence", [](W& w) { w.silence(2 + kTick); }},
+      {"zero packet", [](W& w) { w.zero(); }},
+      {"clock set", [](W& w) { w.clockSet(); }},
+      {"the craft does not obey", [](W& w) { w.disobeyed(); }},
+      {"the craft leaves the room", [](W& w) { w.confine(false); }},
+      {"the craft is in the room", [](W& w) { w.confine(true); }},
+      {"packets cannot be sent", [](W& w) { w.broken_ = true; }},
+      {"packets can be sent", [](W& w) { w.broken_ = false; }},
+      {"half as long timeouts", [](W& w) { w.setParams(true); }},
+      {"timeouts as before", [](W& w) { w.setParams(false); }},
+      {"bad parameters", [](W& w) { w.setBadParams(); }},
+  };
+}
+
+Events W::times() {
+  using F = Feed;
+  return {
+      {"until just before a limit", [](W& w) { w.waitForLimit(-1, F::kNothing); }},
+      {"until a limit", [](W& w) { w.waitForLimit(0, F::kNothing); }},
+      {"until just after a limit", [](W& w) { w.waitForLimit(1, F::kNothing); }},
+      {"driving, until just before a limit", [](W& w) { w.waitForLimit(-1, F::kDrive); }},
+      {"driving, until a limit", [](W& w) { w.waitForLimit(0, F::kDrive); }},
+      {"driving, until just after a limit", [](W& w) { w.waitForLimit(1, F::kDrive); }},
+      {"driving, the count stands still until just before its limit",
+       [](W& w) { w.waitForLimit(-1, F::kStuckCount); }},
+      {"driving, the count stands still until its limit", [](W& w) { w.waitForLimit(0, F::kStuckCount); }},
+      {"driving, the count stands still until just after its limit",
+       [](W& w) { w.waitForLimit(1, F::kStuckCount); }},
+      {"5 ms pass", [](W& w) { w.pass(w.now_ + 5 * kTick, F::kNothing); }},
+      {"nobody calls for 3 s", [](W& w) { w.now_ += kStall; }},
+  };
+}
 
 /// What could be seen before a call.
 struct LinkWorld::Before {
@@ -156,25 +145,10 @@ LinkWorld::LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddres
   if (craft.port != 0) known_since_ = now_;
 }
 
-const std::vector<std::string>& LinkWorld::events() {
-  static const std::vector<std::string> names = [] {
-    std::vector<std::string> result;
-    for (const LinkEvents::Event& event : LinkEvents::all()) result.push_back(event.name);
-    return result;
-  }();
-  return names;
-}
-
 bool LinkWorld::possible(int event) const {
   const std::string& name = events()[static_cast<std::size_t>(event)];
   if (name == "packets can be sent") return broken_;
   return name != "packets cannot be sent" || !broken_;
-}
-
-void LinkWorld::apply(int event) {
-  const LinkEvents::Event& chosen = LinkEvents::all()[static_cast<std::size_t>(event)];
-  if (told_) tell(chosen.name);
-  chosen.run(*this);
 }
 
 void LinkWorld::show(Key& key) const {
@@ -193,8 +167,8 @@ void LinkWorld::command(const MotorCommand& of_two, const std::string& source, d
   link_.command(now_, age, source, command);
   if (link_.counters().refused - seen.counters.refused != (accepted ? 0u : 1u) && violation_.empty())
     violation_ = std::string("commands: one was ") + (accepted ? "refused: " + link_.refusal() : "accepted");
-  if (!accepted && link_.refusal().rfind("a command of " + source, 0) != 0 && violation_.empty())
-    violation_ = "report: it does not say which command was refused";
+  expect(accepted || link_.refusal().rfind("a command of " + source, 0) == 0,
+         "report: it does not say which command was refused");
   check(seen, "command", accepted);
 }
 
@@ -246,8 +220,7 @@ void LinkWorld::silence(double duration) {
   if (must != refused.empty() && violation_.empty())
     violation_ = must ? "silence: it is refused: " + refused : "silence: it was allowed";
   if (must) spec_.silent_until = now_ + duration;
-  if (must && link_.revision() == seen.revision && violation_.empty())
-    violation_ = "report: the silence is not told";
+  expect(!must || link_.revision() != seen.revision, "report: the silence is not told");
   check(seen, "silence");
   begins_silence_ = false;
 }
@@ -272,18 +245,17 @@ void LinkWorld::tick() {
   spec_.pass(now_);
   link_.tick(now_);
   const double pause = now_ - std::max(attempted_at_, known_since_);
-  if (violation_.empty() && spec_.craft.port != 0 && !spec_.silent_until && wire_->packets.empty() &&
-      pause >= 1 / spec_.params.keepalive_rate + kTick)
-    violation_ = "keepalive: no packet for longer than the period";
-  if (violation_.empty() && link_.nextPacket() <= now_) violation_ = "keepalive: the next packet is overdue";
+  expect(spec_.craft.port == 0 || spec_.silent_until || !wire_->packets.empty() ||
+             pause < 1 / spec_.params.keepalive_rate + kTick,
+         "keepalive: no packet for longer than the period");
+  expect(link_.nextPacket() > now_, "keepalive: the next packet is overdue");
   check(seen, "tick");
 }
 
 void LinkWorld::zero() {
   const Before seen = before();
   link_.sendZero(now_);
-  if (violation_.empty() && spec_.craft.port != 0 && wire_->packets.empty())
-    violation_ = "zeros: none was sent";
+  expect(spec_.craft.port == 0 || !wire_->packets.empty(), "zeros: none was sent");
   check(seen, "zero");
 }
 
@@ -327,18 +299,9 @@ void LinkWorld::setBadParams() {
   const Before seen = before();
   GroundLinkParams params = params_;
   params.state_timeout = -1;
-  const auto refused = [](const std::function<void()>& call) {
-    try {
-      call();
-      return false;
-    } catch (const std::invalid_argument&) {
-      return true;
-    }
-  };
-  if (!refused([&] { link_.setParams(params); }) || !refused([&] {
-        GroundLink(params, {}, [](const MotorCommand&, const UdpAddress&) { return std::string(); });
-      }))
-    violation_ = "parameters: bad ones are taken";
+  const auto send = [](const MotorCommand&, const UdpAddress&) { return std::string(); };
+  expect(!refusal([&] { link_.setParams(params); }).empty(), "parameters: bad ones are taken");
+  expect(!refusal([&] { GroundLink(params, {}, send); }).empty(), "parameters: bad ones are taken");
   check(seen, "params");
 }
 
@@ -410,15 +373,14 @@ void LinkWorld::check(const Before& seen, const std::string& call, bool accepted
     if (call != "zero") scheduled_at_ = now_;
   }
   const double next = scheduled_at_ + 1 / spec_.params.keepalive_rate;
-  if (violation_.empty() && scheduled_at_ >= known_since_ && scheduled_at_ > 0 && !spec_.silent_until &&
-      std::abs(link_.nextPacket() - next) > 1e-9)
-    violation_ = "keepalive: the next packet is not a period after the last";
+  expect(scheduled_at_ < known_since_ || scheduled_at_ <= 0 || spec_.silent_until ||
+             std::abs(link_.nextPacket() - next) <= 1e-9,
+         "keepalive: the next packet is not a period after the last");
   if (!violation_.empty()) return;
   for (const auto& problem : {packetProblem(seen), stateProblem(seen), reportProblem(seen)})
     if (violation_.empty()) violation_ = problem;
-  if (violation_.empty() && accepted && spec_.mayDrive(now_) &&
-      !(attempted_ == spec_.accepted && attempted_at_ == now_))
-    violation_ = "commands: one that was accepted was not sent at once";
+  expect(!accepted || !spec_.mayDrive(now_) || (attempted_ == spec_.accepted && attempted_at_ == now_),
+         "commands: one that was accepted was not sent at once");
   if (told_ && !violation_.empty()) tell("  (" + call + ") " + violation_);
 }
 
@@ -495,12 +457,6 @@ std::string LinkWorld::reportProblem(const Before& seen) const {
   if (link_.counters().sent - seen.counters.sent != left) return "report: packets are counted wrongly";
   if (link_.sendProblem().empty() == spec_.broken_since.has_value()) return "report: sending fails unseen";
   return "";
-}
-
-void LinkWorld::tell(const std::string& line) {
-  char text[200];
-  std::snprintf(text, sizeof text, "%8.3f s  %s\n", now_ - 64, line.c_str());
-  story_ += text;
 }
 
 }  // namespace link_search

@@ -24,26 +24,22 @@ struct Wire {
   bool broken = false;
 };
 
-class LinkWorld {
+class LinkWorld : public search::World<LinkWorld> {
  public:
   /// `craft`: its address if fixed, port 0 for any port; unknown if it is learned.
   LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddress& craft = {},
             const ThrusterLayoutPtr& layout = thrusterPair());
 
-  static const std::vector<std::string>& events();
+  static const std::vector<search::Event<LinkWorld>>& table();
   bool possible(int event) const;
-  void apply(int event);
-  const std::string& violation() const { return violation_; }
-  void tell() { told_ = true; }
-  const std::string& story() const { return story_; }
-  double now() const { return now_; }
-  double stampNow() const { return now_; }
   void show(Key& key) const;
 
   const GroundLink& link() const { return link_; }
 
  private:
-  friend struct LinkEvents;
+  static std::vector<search::Event<LinkWorld>> inputs();
+  static std::vector<search::Event<LinkWorld>> faults();
+  static std::vector<search::Event<LinkWorld>> times();
   enum class Feed { kNothing, kDrive, kStuckCount };
   struct Before;
 
@@ -77,21 +73,17 @@ class LinkWorld {
   std::string stateProblem(const Before& before) const;
   std::string reportProblem(const Before& before) const;
   void noteSending();
-  void tell(const std::string& line);
 
   GroundLinkParams params_;
   Wire* wire_;
   GroundLink link_;
   LinkSpec spec_;
-  double now_ = 64;
   double attempted_at_ = -1e9;  ///< time of the last packet [s]
   MotorCommand attempted_;
   double scheduled_at_ = -1e9;  ///< time of the last packet after which the next one is a period later [s]
   double known_since_ = -1e9;   ///< time since which the craft has its address [s]
   bool broken_ = false;
   bool begins_silence_ = false;
-  std::string violation_, story_;
-  bool told_ = false;
 };
 
 }  // namespace link_search

@@ -6,14 +6,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "../crafts.h"
 #include "ground/control/input_design.h"
-#include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
 
 namespace ground {
 namespace experiment_test {
 
-Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 Model mvwt() { return loadModel("cfg/hovercraft/mvwt.yaml"); }
 
 /// Rest, lift from 0.5 s on, a PRBS from 1.5 s to the end.
@@ -88,9 +86,7 @@ TEST(Experiment, SameArgumentsGiveTheSameLog) {
 }
 
 TEST(Experiment, TruthIsTheModelSimulatedWithTheCommandsOfTheLog) {
-  Model model = tinyWhoover();
-  model.addEffect(makeEffect("motor_lag"));
-  model.setValue("motor_lag.tau", 0.06);
+  const Model model = withValues(tinyWhoover(), {{"motor_lag.tau", 0.06}});
   ExperimentParams params;
   params.initial.eta << 0.3, -0.2, 1;
   params.initial.nu << 0.1, 0.05, -0.4;
@@ -275,9 +271,7 @@ TEST(Experiment, RefusesNonsense) {
   ExcitationParams excitation;
   excitation.design.kind = "noise";
   EXPECT_THROW(excite(model, model, excitation, {}), std::invalid_argument);
-  Model wild = model;
-  wild.setValue("I_z", 1e-9);
-  wild.setValue("N_r", 1);
+  const Model wild = withValues(model, {{"I_z", 1e-9}, {"N_r", 1}});
   EXPECT_THROW(playSchedule(wild, prbs(5), 5, {}), std::runtime_error);
 }
 

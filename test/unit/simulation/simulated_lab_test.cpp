@@ -6,13 +6,10 @@
 #include <cmath>
 #include <limits>
 
-#include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
+#include "../crafts.h"
 
 namespace ground {
 namespace simulated_lab_test {
-
-Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 
 MocapParams perfect() {
   MocapParams mocap;
@@ -51,9 +48,7 @@ TEST(SimulatedLab, SameSeedGivesTheSameRun) {
 }
 
 TEST(SimulatedBattery, SagsUnderLoadAndByTheChargeThatWasDrawn) {
-  Model model = tinyWhoover();
-  model.addEffect(makeEffect("battery_voltage"));
-  model.setValue("battery_voltage.p", 2);
+  Model model = withValues(tinyWhoover(), {{"battery_voltage.p", 2}});
   SimulatedLab::Params params;
   params.battery.endurance = 100;
   EXPECT_THROW(ModelCraft(model, params), std::invalid_argument) << "k holds at an unknown voltage";
@@ -141,9 +136,7 @@ TEST(SimulatedLab, ACraftWithoutLiftSlidesStraightToRestAndStaysThere) {
 }
 
 TEST(SimulatedLab, TheModelCanBeReplacedDuringARun) {
-  Model biased = tinyWhoover();
-  biased.addEffect(makeEffect("body_force_bias"));
-  biased.setValue("body_force_bias.x0", 0.01);
+  const Model biased = withValues(tinyWhoover(), {{"body_force_bias.x0", 0.01}});
   Model broken = tinyWhoover();
   broken.body.m = 1e-320;
   ModelCraft craft(tinyWhoover(), {});
@@ -214,9 +207,7 @@ TEST(SimulatedLab, ADisturbanceActsAsAForce) {
   SimulatedLab::Params params;
   params.disturbance.trim << 0.01, 0.01, 5e-5;
   params.disturbance.trim_thrust = 0.1;
-  Model model = tinyWhoover();
-  model.addEffect(makeEffect("com_offset"));  // a mass matrix that is not diagonal
-  model.setValue("com_offset.xg", 0.005);
+  const Model model = withValues(tinyWhoover(), {{"com_offset.xg", 0.005}});  // couples sway and yaw
   ModelCraft craft(model, params);
   SimulatedLab room(craft, perfect(), params);
   room.command(1, 0.6, 1);
@@ -224,11 +215,9 @@ TEST(SimulatedLab, ADisturbanceActsAsAForce) {
   const Vector3<double> wrench = room.wrench();
   EXPECT_GT(wrench.cwiseAbs().minCoeff(), 0);
   // A model that has this force as an effect, and the thrust of this run, moves in the same way.
-  Model same = model;
-  for (const char* effect : {"body_force_bias", "yaw_bias"}) same.addEffect(makeEffect(effect));
-  same.setValue("body_force_bias.x0", wrench.x());
-  same.setValue("body_force_bias.y0", wrench.y());
-  same.setValue("yaw_bias.n0", wrench.z());
+  Model same = withValues(
+      model,
+      {{"body_force_bias.x0", wrench.x()}, {"body_force_bias.y0", wrench.y()}, {"yaw_bias.n0", wrench.z()}});
   same.body.k *= DisturbanceSource(params.disturbance, kDefaultStep, params.seed).thrustFactor();
   EXPECT_GT(std::abs(same.body.k / model.body.k - 1), 1e-3);
   ModelCraft other_craft(same, {});
