@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+import ground
 from conftest import MODEL, ROOT, SHARED, identify, json_of, slow, succeeds
 from ground import _core
 from ground.fitting import thrust_bench
@@ -321,33 +322,15 @@ def test_pulses_too_short_for_the_scale_are_refused(tmp_path):
 
 def test_mass_and_inertia_follow_from_motion_with_the_bench(tmp_path):
     """The model is told a wrong mass; the valves act 60 ms late."""
-    true = _core.load_model(str(VALVES))
-    wrong = tmp_path / "wrong.yaml"
-    text = true.format()
-    mass, inertia = true.value("m"), true.value("I_z")
-    copy = true.copy()
-    copy.set_value("m", 0.7 * mass)
-    copy.set_value("I_z", 1.3 * inertia)
-    copy.save(str(wrong)) if hasattr(copy, "save") else wrong.write_text(copy.format())
-    craft = tmp_path / "true.yaml"
-    craft.write_text(
-        text.rstrip().rsplit("effects:", 1)[0] + "effects:\n  - {name: input_delay, delay: 0.06}\n"
-    )
-    run = tmp_path / "run.bag"
-    options = ("--input", "prbs", "--duration", 40, "--seed", 3, "-o", run)
-    succeeds("simulate", "--model", craft, *options)
-    names = [one["name"] for one in true.thrusters]
-    force = true.value("k")
+    true, run, path = ground.Model.load(VALVES), tmp_path / "run.bag", tmp_path / "bench.csv"
+    mass, inertia = true["m"], true["I_z"]
+    wrong = true.with_values({"m": 0.7 * mass, "I_z": 1.3 * inertia}).save(tmp_path / "wrong.yaml").path
+    craft = true.with_effect("input_delay", delay=0.06).save(tmp_path / "true.yaml").path
+    succeeds("simulate", "--model", craft, "--input", "prbs", "--duration", 40, "--seed", 3, "-o", run)
+    columns = ["%s_%d" % (one["name"], i) for one in true.core.thrusters for i in range(1, 5)]
     random = np.random.default_rng(1)
-    path = tmp_path / "bench.csv"
-    values = [force * (1 + 0.01 * random.normal()) for _ in range(4 * len(names))]
-    path.write_text(
-        "input,"
-        + ",".join("%s_%d" % (n, i) for n in names for i in range(1, 5))
-        + "\n1,"
-        + ",".join("%.5f" % v for v in values)
-        + "\n"
-    )
+    forces = ["%.5f" % (true["k"] * (1 + 0.01 * random.normal())) for _ in columns]
+    path.write_text("input,%s\n1,%s\n" % (",".join(columns), ",".join(forces)))
     out = tmp_path / "out.yaml"
     motion = json_of("bench", path, "--model", wrong, "-o", out, "--runs", run)["mass"]
     for name, value in (("m", mass), ("I_z", inertia)):

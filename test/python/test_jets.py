@@ -13,7 +13,6 @@ from ground.analysis import window_error
 from ground.checks import quality
 from ground.effect_library import candidates
 from ground.reading import commands, mapping, readers, recording
-from ground.simulation import tracking
 from ground.support.errors import GroundError
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
@@ -66,18 +65,6 @@ def test_commands_of_two_crafts_in_one_bag_are_an_error():
     two["thrusters[0]"] = np.array([np.nan, 0.5])
     with pytest.raises(GroundError, match="not all of one craft: .*bow, air"):
         commands.channels_of(two, commands.OWN, mapping.Commands(), "a.bag")
-
-
-def test_the_table_tracks_a_circle_and_stays_in_a_room(table):
-    controller = _core.ControllerChoice()
-    controller.kind = "ModelPredictive"
-    task = tracking.task("circle", 20, 25, size=0.5, rate_of_turn=0.3)
-    found = tracking.run(table, table, controller, task)
-    assert found.numbers["rms"] < 5e-3
-    assert found.inputs.shape[1] == found.wanted.shape[1] == 9
-    room = os.path.join(ROOT, "cfg", "room", "room_4x4.yaml")
-    run = ground.simulate(TABLE, "prbs", duration=30, room=room)
-    assert not run.stopped and run.bursts > 1 and run.decisions.shape[1] == 11
 
 
 def test_a_fit_finds_the_parameters_of_the_table(table):
