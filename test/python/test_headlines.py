@@ -216,3 +216,13 @@ def test_after_simulated_runs_no_real_room_is_proposed(tmp_path):
     call = next(line for line in told.splitlines() if "ground.simulate(" in line)
     names = {"ground": ground, "CRAFT": truth, "diagnosis": diagnosis}
     assert eval(call.strip(), names).length > 1 and "roslaunch" not in told
+
+
+def test_a_saved_diagnosis_may_have_a_value_that_is_infinite(report):
+    """JSON has null in its place, as for the lag of a supply that does not sag."""
+    from ground.diagnosing import words
+
+    found = copy.deepcopy(report)
+    tau = found["candidates"][0]["parameters"]["tau"]
+    tau.update(value=None, ci95=[1.0, None])
+    assert "tau inf s (95%: 1.000 to inf s)" in "\n".join(words.evidence(typed(found)))

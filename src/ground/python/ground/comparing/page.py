@@ -5,23 +5,24 @@ from typing import Optional, Sequence
 from ground.analysis.horizon import PredictionError
 from ground.comparing import words
 from ground.reports import appearance, figures, page, studies
+from ground.reports.inspection import Inspection
 from ground.reports.words import off
 from ground.support import records
-from ground.support.annotations import Document
+from ground.support.annotations import Document, Plotly
 
 
 def write(
     path: str,
     result: Document,
-    inspected: Sequence[Sequence[Document]],
+    inspected: Sequence[Sequence[Inspection]],
     described: Sequence[Document],
     inputs: Sequence[str] = (),
     force: bool = False,
 ) -> None:
     """Writes the page of a comparison.
 
-    result: contents of compare.json; inspected: for every run, the results of ground.reports.inspection
-    for each model; described: findings.describe of all runs; inputs: files read.
+    result: contents of compare.json; inspected: for every run, the Inspection of each model;
+    described: findings.describe of all runs; inputs: files read.
     """
     pooled = result["pooled"]
     page.write(
@@ -45,7 +46,7 @@ def write(
     )
 
 
-def predictions(result: Document) -> Optional[Document]:
+def predictions(result: Document) -> Optional[Plotly]:
     """Bars of how far predicted poses are off, the best model last; None where runs are too short."""
     if result["prediction"] is None:
         return None

@@ -67,9 +67,9 @@ def transparent(color: str, opacity: float) -> str:
     return "rgba(%d,%d,%d,%g)" % (red, green, blue, opacity)
 
 
-def scaled(entry: Document) -> Tuple[float, str]:
+def scaled(channel: missing_wrench.WrenchChannel) -> Tuple[float, str]:
     """Factor and unit in which the numbers of a channel of the wrench are easy to read."""
-    return (1e3, "m" + entry["unit"]) if entry["full_scale"] < 1 else (1.0, entry["unit"])
+    return (1e3, "m" + channel.unit) if channel.full_scale < 1 else (1.0, channel.unit)
 
 
 def wrapped(text: str, width: int) -> str:

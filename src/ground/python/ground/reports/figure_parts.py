@@ -4,6 +4,7 @@ from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ground import _core
 from ground.poses import scatter
 from ground.reports.appearance import model_line, model_mark, thruster_line, transparent
 from ground.reports.panels import Panels
@@ -115,11 +116,11 @@ def note(
     )
 
 
-def add_commands(figure: Panels, study: Document, row: int) -> None:
+def add_commands(figure: Panels, model: _core.Model, run: _core.RunData, row: int) -> None:
     """Commands of all thrusters over time in a row, and the time under it."""
     low, high = 0.0, 1.0
-    for column, thruster in enumerate(study["model"].thrusters, 1):
-        at, values = _commands(study["run"], column, study["model"].input_max)
+    for column, thruster in enumerate(model.thrusters, 1):
+        at, values = _commands(run, column, model.input_max)
         low, high = min(low, *values), max(high, *values)
         name = "command %s [-]" % thruster["name"].replace("_", " ")
         figure.add(curve(at, values, name, thruster_line(column - 1, 1.2), True), row, 1)
