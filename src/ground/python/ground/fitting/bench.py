@@ -11,7 +11,7 @@ import yaml
 from ground import _core
 from ground.data import bag_arguments
 from ground.effect_library import candidates
-from ground.fitting import bench_logs, bench_motion, thrust_bench
+from ground.fitting import bench_forces, bench_logs, bench_motion, thrust_bench
 from ground.fitting.fit import fit
 from ground.models import Model, with_provenance
 from ground.support import command_line, files
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> Document:
         arguments.refuse("--inputs needs two different numbers")
     model = Model.load(arguments.model).core
     names = [one["name"] for one in model.thrusters]
-    measured = thrust_bench.read_files(
+    measured = bench_forces.read_files(
         arguments.tables, names, off, full, arguments.unit, arguments.thrusters, arguments.log_columns
     )
     for remark in measured.remarks:
