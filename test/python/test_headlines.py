@@ -245,7 +245,8 @@ def test_shares_do_not_say_that_all_is_explained_where_something_is_left(report)
 
 def test_runs_too_short_to_predict_are_not_called_well_predicted():
     from ground.comparing import words
+    from ground.comparing.ranking import Ranking
 
-    ranking = {"role": "held_out", "errors": {"a": 0.1}, "equal": [], "fitted": []}
-    found = dict(words.lines({"ranking": ranking, "prediction": None, "models": {"a": {"file": "a.yaml"}}}))
+    ranking = Ranking("held_out", ["run"], {"a": 0.1}, [], [])
+    found = dict(words.lines(ranking, None, "a.yaml"))
     assert "long enough" in found["Next"] and "mocap" not in found["Next"]

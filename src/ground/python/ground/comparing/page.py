@@ -1,18 +1,20 @@
 """report.html of compare: the verdict first, then the evidence."""
 
-from typing import Optional, Sequence
+from typing import Mapping, Optional, Sequence
 
 from ground.analysis.horizon import PredictionError
-from ground.comparing import words
+from ground.comparing.ranking import Ranking
 from ground.reports import appearance, figures, page, studies
 from ground.reports.words import off
-from ground.support import records
 from ground.support.annotations import Document
+from ground.support.headline import Line
 
 
 def write(
     path: str,
-    result: Document,
+    head: Sequence[Line],
+    predictions: Optional[Document],
+    pooled: Mapping[str, Document],
     inspected: Sequence[Sequence[Document]],
     described: Sequence[Document],
     inputs: Sequence[str] = (),
@@ -20,19 +22,18 @@ def write(
 ) -> None:
     """Writes the page of a comparison.
 
-    result: contents of compare.json; inspected: for every run, the results of ground.reports.inspection
-    for each model; described: findings.describe of all runs; inputs: files read.
+    predictions: their figure; pooled: Comparison.pooled; inspected: for every run, the results of
+    ground.reports.inspection for each model; described: findings.describe of all runs; inputs: files read.
     """
-    pooled = result["pooled"]
     page.write(
         path,
         "comparing/comparison.html",
-        "Comparison of " + ", ".join(result["models"]),
+        "Comparison of " + ", ".join(pooled),
         appearance.MODELS[1],
         force,
-        result=result,
-        head=[line for line in words.lines(result, path) if line[0] != "Details"],
-        predictions=predictions(result),
+        models=list(pooled),
+        head=[line for line in head if line[0] != "Details"],
+        predictions=predictions,
         pooled=[
             appearance.numbers_row(label, role, numbers)
             for label, groups in pooled.items()
@@ -45,12 +46,11 @@ def write(
     )
 
 
-def predictions(result: Document) -> Optional[Document]:
+def predictions(ranking: Ranking, found: Optional[PredictionError]) -> Optional[Document]:
     """Bars of how far predicted poses are off, the best model last; None where runs are too short."""
-    if result["prediction"] is None:
+    if found is None:
         return None
-    found = records.read(PredictionError, result["prediction"], "prediction")
-    labels = list(reversed(result["ranking"]["errors"]))
-    told = off(found.errors[labels[-1]]), labels[-1], off(found.mocap)
+    labels = list(reversed(list(ranking.errors)))
+    told = off(found.errors[ranking.best]), ranking.best, off(found.mocap)
     title = "Predictions are off by %s with %s; the mocap alone leaves %s" % told
-    return figures.predictions(found, list(zip(labels, labels)), title, result["ranking"]["fitted"])
+    return figures.predictions(found, list(zip(labels, labels)), title, ranking.fitted)

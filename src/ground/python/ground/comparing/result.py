@@ -1,15 +1,16 @@
 """A comparison: its numbers, its lines of text, and the folder in which it is kept."""
 
 import os
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence
 
 import numpy as np
 
-from ground.analysis.horizon import PredictionError, as_document
+from ground.analysis.horizon import PredictionError
 from ground.checks import findings
 from ground.checks.quality import repaired
 from ground.comparing import words
+from ground.comparing.ranking import Ranking
 from ground.models import Model
 from ground.reading.recording import VELOCITY, Recording
 from ground.reports import appearance, matlab, result_folder
@@ -113,20 +114,6 @@ class RunComparison(_Frame):
                 yield "  %s: %s" % (study["label"], sentence)
 
 
-@dataclass(frozen=True)
-class Ranking:
-    """Models by their error, the least first. It says which one predicts best only where no model was
-    fitted to the runs."""
-
-    role: str  #: "held_out": no model was fitted to the runs; "fit": one was
-    runs: List[str]  #: all that no model was fitted to; where there are none, all runs
-    errors: Dict[str, float]  #: by label, over these runs
-    fitted: List[str]  #: labels of models that were fitted to any of them
-    equal: List[
-        str
-    ]  #: labels of models whose errors differ from the least one by no more than chance explains
-
-
 @dataclass(frozen=True, repr=False)
 class Comparison(_Frame, Plotted):
     """Models against recordings.
@@ -148,7 +135,7 @@ class Comparison(_Frame, Plotted):
     @property
     def best(self) -> str:
         """Label of the model with the least error; `ranking` says whether it was fitted to the runs."""
-        return next(iter(self.ranking.errors))
+        return self.ranking.best
 
     def rows(self) -> Iterator[Sequence[Any]]:
         """Run, model, role and numbers."""
@@ -157,7 +144,7 @@ class Comparison(_Frame, Plotted):
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: which model predicts best, by how much, and what to do next."""
-        return words.lines(self.to_dict(), written)
+        return words.lines(self.ranking, self.prediction, self.models[self.best].path, written)
 
     def table(self) -> Iterator[str]:
         """Errors of the models over all runs."""
@@ -186,9 +173,9 @@ class Comparison(_Frame, Plotted):
             },
             "runs": [run.to_dict(of_run) for run, of_run in zip(self.runs, files or named)],
             "pooled": self.pooled,
-            "ranking": asdict(self.ranking),
+            "ranking": records.plain(self.ranking),
             "noise_floor": self.noise_floor,
-            "prediction": as_document(self.prediction),
+            "prediction": records.plain(self.prediction),
         }
 
     @classmethod
@@ -201,7 +188,7 @@ class Comparison(_Frame, Plotted):
             for label, m in document["models"].items()
         }
         runs = [_run_of(run) for run in document["runs"]]
-        ranking = Ranking(**document["ranking"])
+        ranking = records.read(Ranking, document["ranking"], "ranking")
         found = document["prediction"]
         off = found and records.read(PredictionError, found, "prediction")
         return cls(models, runs, document["pooled"], ranking, document["noise_floor"], off)
@@ -235,7 +222,6 @@ class Comparison(_Frame, Plotted):
             for run in runs
         ]
         stale = ("report.html", "*.wrench.*.csv") if result_folder.is_of(numbers, SCHEMA) else ()
-        result = self.to_dict(named)
         with result_folder.replaced(place, stale, force) as new:
             for run_of, own in zip(self.runs, named):
                 for study in run_of.studies:
@@ -243,7 +229,7 @@ class Comparison(_Frame, Plotted):
                     missing = study["missing"]
                     rows = np.column_stack([missing.times, missing.wrench, missing.sigma])
                     files.write_csv(path, WRENCH, rows)
-            files.write_json(os.path.join(new, "compare.json"), result)
+            files.write_json(os.path.join(new, "compare.json"), self.to_dict(named))
         if not page:
             return numbers
         from ground.comparing import page as report
@@ -253,7 +239,9 @@ class Comparison(_Frame, Plotted):
         with result_folder.page(report_file, numbers):
             report.write(
                 report_file,
-                result,
+                self.headline(report_file),
+                report.predictions(self.ranking, self.prediction),
+                self.pooled,
                 [run.studies for run in self.runs],
                 findings.describe([repaired(recording) for recording in recordings]),
                 [path for path in inputs if path],
