@@ -9,6 +9,7 @@ import pytest
 from conftest import MODEL, ROOT, SHARED, identify, slow
 from ground import _core
 from ground.fitting import bench_forces, thrust_bench
+from ground.fitting.bench_logs import BenchFormat
 
 LEVELS = np.linspace(0, 1, 11)
 PAIR = ["left", "right"]
@@ -99,7 +100,7 @@ def test_the_curve_is_the_simplest_that_fits(tmp_path, monkeypatch, kind, force,
     found = []
     for seed in range(10):
         path = table(tmp_path / "bench.csv", lambda side, w: force(w), ["left"], repeat=repeat, seed=seed)
-        fit = thrust_bench.fit(bench_forces.read(str(path), PAIR), PAIR)
+        fit = thrust_bench.fit(bench_forces.read([str(path)], BenchFormat(PAIR)), PAIR)
         found.append(fit.curve.kind)
         w = np.linspace(0.02, 1, 50)
         assert np.abs(fit.curve.force(w) - force(w)).max() < 0.004
@@ -114,7 +115,7 @@ def test_a_repetition_that_is_off_widens_the_interval(tmp_path):
     rows = ["%g,%s" % (w, ",".join("%g" % (0.1 * w * d) for d in drift.values())) for w in LEVELS]
     path = tmp_path / "bench.csv"
     path.write_text("\n".join(["input," + ",".join(drift)] + rows) + "\n")
-    low, high = thrust_bench.fit(bench_forces.read(str(path), PAIR), PAIR).intervals["k"]
+    low, high = thrust_bench.fit(bench_forces.read([str(path)], BenchFormat(PAIR)), PAIR).intervals["k"]
     # of a mean of three with a standard deviation of 5%
     assert high - low == pytest.approx(2 * 4.3 * 0.1 * 0.05 / 3**0.5, rel=0.02)
 
@@ -387,9 +388,10 @@ def test_intervals_of_positive_quantities_stay_positive():
     """Not even a thrust that motion hardly determines may be negative."""
     from ground.fitting import bench_motion
 
-    k, bench = (0.06, -0.01, 0.2), (0.05, 0.045, 0.055)
+    k, bench = bench_motion.WithInterval(0.06, -0.01, 0.2), bench_motion.WithInterval(0.05, 0.045, 0.055)
     motion = bench_motion.MassByMotion(k, k, k, (0.06, 1e-4), bench, None, 1.0, True)
     value, low, high = motion.ratio
     assert value == pytest.approx(1.2) and low == 0 and high > 0.2 / 0.055
-    sure = bench_motion.MassByMotion((0.06, 0.057, 0.063), k, k, (0.06, 1e-4), bench, None, 1.0, True).ratio
+    sure = bench_motion.WithInterval(0.06, 0.057, 0.063)
+    sure = bench_motion.MassByMotion(sure, k, k, (0.06, 1e-4), bench, None, 1.0, True).ratio
     assert sure[0] - sure[1] == pytest.approx(1.2 * math.hypot(0.05, 0.1), rel=0.1)

@@ -212,7 +212,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--numbers", action="store_true", help="compare.json and CSV only: no page")
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify compare; returns what --json prints."""
     command_line.check_mat(arguments)
     models = labelled(arguments.model)
@@ -226,5 +226,4 @@ def run(arguments: argparse.Namespace) -> Document:
     command_line.say_result(arguments, found, place)
     command_line.write_mat(arguments, found)
     with open(numbers) as file:
-        result: Document = json.load(file)
-    return result
+        return dict(json.load(file))

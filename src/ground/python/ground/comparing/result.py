@@ -82,7 +82,7 @@ class RunComparison(_Frame):
         """Sentences on what stands out, by model."""
         return {study["label"]: study["summary"] for study in self.studies}
 
-    def to_dict(self, files: Optional[Files] = None) -> Document:
+    def to_dict(self, files: Optional[Files] = None) -> Dict[str, object]:
         """Plain values, as compare.json has them; files: the run's files."""
         return {
             "name": self.name,
@@ -157,7 +157,7 @@ class Comparison(_Frame, Plotted):
         for run in self.runs:
             yield from run.table()
 
-    def to_dict(self, files: Optional[Sequence[Optional[Files]]] = None) -> Document:
+    def to_dict(self, files: Optional[Sequence[Optional[Files]]] = None) -> Dict[str, object]:
         """Plain values, as compare.json has them; files: the files of each run."""
         named: List[Optional[Files]] = [None] * len(self.runs)
         return {

@@ -10,6 +10,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground.fitting import bench_logs
+from ground.fitting.bench_logs import BenchFormat
 from ground.support.annotations import Array, Flags
 from ground.support.errors import GroundError
 
@@ -44,56 +45,15 @@ class Bench:
         return Bench(inputs, together, repetition, forces)
 
 
-def read(
-    path: str,
-    names: Sequence[str],
-    off: float = 0.0,
-    full: float = 1.0,
-    unit: float = 1.0,
-    measured: Optional[Sequence[str]] = None,
-) -> Bench:
-    """The Bench in a CSV file.
-
-    The header names a column of inputs, then columns of forces: of a thruster by its name, of several
-    by their names with + between, of all by "both"; repeated ones have endings such as left_2. names:
-    the thrusters of the craft. measured: thrusters that were at work together in all columns, whose
-    names then say nothing; or one text with their number. off, full: values of the input that mean 0
-    and 1. unit: newtons in one unit of force. Raises GroundError.
-    """
-    header, rows = _cells(path)
-    columns = _columns(path, header, names, measured)
-    rows, remarks = without_copies(path, rows, columns, off)
-    found = []
-    for number, values in rows:
-        level = (values[0] - off) / (full - off)
-        if not -1e-6 <= level <= 1 + 1e-6:
-            raise GroundError(
-                "%s: line %d: input %g is not between %g and %g: give what means 0 and 1 with --inputs, "
-                "such as --inputs 1000 2000 for microseconds" % (path, number, values[0], off, full)
-            )
-        level = min(max(level, 0.0), 1.0)
-        found += [(level, at, i, unit * values[1 + i]) for i, at in enumerate(columns)]
-    return _bench(path, found, remarks)
-
-
-def read_files(
-    paths: Sequence[str],
-    names: Sequence[str],
-    off: float = 0.0,
-    full: float = 1.0,
-    unit: Optional[str] = None,
-    measured: Optional[Sequence[str]] = None,
-    columns: Sequence[str] = (),
-) -> Bench:
-    """The Bench in a table (read), or in logs of a load cell (bench_logs.read). unit: of the force; N in a
-    table without it. columns: of a log. Raises GroundError."""
-    logs = [path for path in paths if columns or bench_logs.is_log(_cells(path, only_header=True)[0])]
+def read(paths: Sequence[str], form: BenchFormat) -> Bench:
+    """The Bench in a table, or in logs of a load cell (bench_logs.read). Raises GroundError."""
+    logs = [path for path in paths if form.columns or bench_logs.is_log(_cells(path, only_header=True)[0])]
     if not logs and len(paths) == 1:
-        return read(paths[0], names, off, full, bench_logs.NEWTONS[unit or "N"], measured)
+        return _of_table(paths[0], form)
     others = [path for path in paths if path not in logs]
     if others:
         raise GroundError("%s: no column of it is a time; give one table, or logs only" % others[0])
-    read_logs = [bench_logs.read(path, names, off, full, unit, columns) for path in logs]
+    read_logs = [bench_logs.read(path, form) for path in logs]
     pulses = [pulse for log in read_logs for pulse in log.pulses]
     remarks = [
         "%s: %d of its pulses are left out: the force was not steady in them, or without command beside them"
@@ -101,13 +61,33 @@ def read_files(
         for path, log in zip(logs, read_logs)
         if log.lost
     ]
-    bench = _bench(", ".join(logs), [(p.level, p.together, 0, p.force) for p in pulses], remarks)
+    bench = _bench(", ".join(logs), [(p.level, p.together, p.force) for p in pulses], remarks)
     source = "%d pulses in %d logs" % (len(pulses), len(logs))
     return replace(bench, source=source, timing=bench_logs.timing(read_logs))
 
 
+def _of_table(path: str, form: BenchFormat) -> Bench:
+    """The Bench in a CSV file. The header names a column of inputs, then columns of forces: of a thruster by
+    its name, of several by their names with + between, of all by "both"; repeated ones have endings such as
+    left_2."""
+    header, rows = _cells(path)
+    columns = _columns(path, header, form)
+    rows, remarks = without_copies(path, rows, columns, form.off)
+    found = []
+    for number, values in rows:
+        level = form.level(values[0])
+        if not -1e-6 <= level <= 1 + 1e-6:
+            raise GroundError(
+                "%s: line %d: input %g is not between %g and %g: give what means 0 and 1 with --inputs, "
+                "such as --inputs 1000 2000 for microseconds" % (path, number, values[0], form.off, form.full)
+            )
+        newtons = bench_logs.NEWTONS[form.unit or "N"]
+        found += [(min(max(level, 0.0), 1.0), at, newtons * v) for v, at in zip(values[1:], columns)]
+    return _bench(path, found, remarks)
+
+
 def _bench(
-    path: str, found: Sequence[Tuple[float, Tuple[float, ...], int, float]], remarks: Sequence[str]
+    path: str, found: Sequence[Tuple[float, Tuple[float, ...], float]], remarks: Sequence[str]
 ) -> Bench:
     """The Bench of forces with their levels, and the thrusters at work. GroundError where thrust at full
     input does not follow from them."""
@@ -122,10 +102,10 @@ def _bench(
         )
     seen: "CounterType[Tuple[float, ...]]" = Counter()
     repetition = []
-    for level, at, *_ in found:
+    for level, at, _ in found:
         repetition.append(seen[(level, *at)])
         seen[(level, *at)] += 1
-    inputs, together, _, forces = (np.array(column) for column in zip(*found))
+    inputs, together, forces = (np.array(column) for column in zip(*found))
     return Bench(inputs, together, np.array(repetition), forces, tuple(remarks))
 
 
@@ -153,10 +133,9 @@ def _cells(path: str, only_header: bool = False) -> Tuple[List[str], List[Tuple[
     return header, found
 
 
-def _columns(
-    path: str, header: Sequence[str], names: Sequence[str], measured: Optional[Sequence[str]]
-) -> List[Tuple[float, ...]]:
+def _columns(path: str, header: Sequence[str], form: BenchFormat) -> List[Tuple[float, ...]]:
     """For each column of forces how many times each thruster is at work."""
+    names, measured = form.names, form.together
     if measured is not None:
         if len(measured) == 1 and measured[0].isdigit() and 1 <= int(measured[0]) <= len(names):
             return [(int(measured[0]) / len(names),) * len(names)] * (len(header) - 1)
