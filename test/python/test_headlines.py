@@ -232,6 +232,16 @@ def test_which_side_is_weak_is_said(a, side, tmp_path):
         assert re.findall(r"(left|right) side pushes \S+ less", text) == [side], text
 
 
+def test_a_saved_diagnosis_may_have_a_value_that_is_infinite(report):
+    """JSON has null in its place, as for the lag of a supply that does not sag."""
+    from ground.diagnosing import words
+
+    found = copy.deepcopy(report)
+    tau = found["candidates"][0]["parameters"]["tau"]
+    tau.update(value=None, ci95=[1.0, None])
+    assert "tau inf s (95%: 1.000 to inf s)" in "\n".join(words.evidence(typed(found)))
+
+
 def test_shares_do_not_say_that_all_is_explained_where_something_is_left(report):
     from ground.diagnosing import words
 

@@ -44,12 +44,19 @@ class Common:
 
 
 @dataclass(frozen=True)
+class WindowErrors:
+    """Root mean square errors of recordings."""
+
+    measured: float  # of the real ones
+    expected: float  # of the artificial ones
+    noise: float  # of artificial ones with the poses' noise alone; NaN where the motion is not finite
+
+
+@dataclass(frozen=True)
 class Agreement:
     """Real recordings beside those that the model and its levels make."""
 
-    error: float  # root mean square error of the real ones
-    expected: float  # of the artificial ones
-    noise: float  # of artificial ones with the poses' noise alone; NaN where the motion is not finite
+    error: WindowErrors
     # whether the real ones are no worse; a smaller error is allowed: the levels take coloured noise of the
     # poses for a push
     holds: bool
@@ -143,8 +150,8 @@ def agreement(
         low, high = ((real[-1] + side * half) / seen for side in (-1, 1))
         stands_out = not holds and bool(off[-1] == off.max())
         common = Common(len(pairs), real[-1] / seen, low, high, stands_out)
-    measured, expected, floor = (float(np.sqrt(value)) for value in (np.exp(real[0]), average, noise))
-    return Agreement(measured, expected, floor, holds, frequency, common)
+    errors = WindowErrors(*(float(np.sqrt(value)) for value in (np.exp(real[0]), average, noise)))
+    return Agreement(errors, holds, frequency, common)
 
 
 def share_as_extreme(values: Array) -> float:

@@ -34,7 +34,7 @@ def thesis_objective(runs: Sequence[_core.RunData], model: _core.Model) -> Optio
 class Evaluation:
     """One run simulated by one model, and what is needed to pool it with others."""
 
-    pieces: List[Document]  # per window: times, measured and nu (n, 3), eta (n, 3), index of samples
+    pieces: List[Dict[str, Array]]  # per window: times, measured and nu (n, 3), eta (n, 3), index of samples
     sigma: Array  # (3,) standard deviations of u, v, r in the run
     predicted: Array  # (m, 3) errors of the pure prediction [standard deviations]
     thesis: Optional[float]

@@ -1,14 +1,14 @@
 """The missing wrench of a model along a run: the force and moment that would make it follow the poses."""
 
 from dataclasses import dataclass
-from typing import List, Tuple
+from typing import Dict, List, Tuple
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import residuals, windows
 from ground.analysis.likelihood import CAP
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array
 
 IN_A_ROW = 5  # outliers that make a disturbance
 EVENT_MARGIN = 0.3  # time cut on both sides of a disturbance [time scales]
@@ -57,6 +57,40 @@ def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
     return Undisturbed(rest, *residuals.disturbance(rest, model, "white"), events)
 
 
+@dataclass(frozen=True)
+class Disturbed:
+    """A span of time that is left out."""
+
+    start: float  # [s]
+    end: float
+
+
+@dataclass(frozen=True)
+class WrenchChannel:
+    """The missing wrench on a channel, over a run."""
+
+    unit: str
+    mean: float
+    rms: float
+    std: float
+    sigma: float  # median standard deviation of its estimate
+    full_scale: float  # what full thrust gives
+
+    @property
+    def is_negligible(self) -> bool:
+        """Whether it is smaller than its uncertainty or MIN_WRENCH."""
+        return self.rms < max(self.sigma, MIN_WRENCH * self.full_scale)
+
+
+@dataclass(frozen=True)
+class WrenchNumbers:
+    """The missing wrench in numbers."""
+
+    disturbances: List[Disturbed]
+    noise: Dict[str, residuals.NoiseLevel]
+    channels: Dict[str, WrenchChannel]  # X, Y, N
+
+
 @dataclass
 class MissingWrench:
     """The missing wrench of a model along a run."""
@@ -66,7 +100,7 @@ class MissingWrench:
     sigma: Array  # (n, 3) standard deviations of its estimate
     heading: Array  # (n,) [rad]
     position: Array  # (n, 2) [m]
-    numbers: Document
+    numbers: WrenchNumbers
 
     def by_place(self) -> Tuple[Array, Array]:
         """Centres (n, 2) x, y [m] of the cells of a map that the craft visited, and the mean missing force
@@ -88,24 +122,19 @@ def of_wrench(calm: Undisturbed, model: _core.Model) -> MissingWrench:
     box, point = residuals.disturbance(calm.run, model, "sigma")
     smoothed = box.smooth(point, 0)
     wrench, sigma = smoothed["wrench"], smoothed["sigma"]
-    numbers: Document = {
-        "disturbances": [{"start": float(a), "end": float(b)} for a, b in calm.events],
-        "noise": residuals.levels(point, calm.run, "sigma"),
-        "channels": {
-            channel: {
-                "unit": residuals.UNITS[channel],
-                "mean": float(wrench[:, i].mean()),
-                "rms": float(np.sqrt((wrench[:, i] ** 2).mean())),
-                "std": float(wrench[:, i].std()),
-                "sigma": float(np.median(sigma[:, i])),
-                "full_scale": float(scale),
-            }
+    numbers = WrenchNumbers(
+        [Disturbed(float(a), float(b)) for a, b in calm.events],
+        residuals.levels(point, calm.run, "sigma"),
+        {
+            channel: WrenchChannel(
+                residuals.UNITS[channel],
+                float(wrench[:, i].mean()),
+                float(np.sqrt((wrench[:, i] ** 2).mean())),
+                float(wrench[:, i].std()),
+                float(np.median(sigma[:, i])),
+                float(scale),
+            )
             for i, (channel, scale) in enumerate(zip(CHANNEL_NAMES, full_scale(model)))
         },
-    }
+    )
     return MissingWrench(np.array(calm.run.times), wrench, sigma, eta[:, 2], eta[:, :2], numbers)
-
-
-def is_negligible(channel: Document) -> bool:
-    """Whether a channel of the missing wrench is smaller than its uncertainty or MIN_WRENCH."""
-    return bool(channel["rms"] < max(channel["sigma"], MIN_WRENCH * channel["full_scale"]))

@@ -6,7 +6,8 @@ model and a white force of the likeliest level. Innovations of a true model are 
 spacing of the stamps, and independent of the inputs.
 """
 
-from typing import Dict, Optional, Sequence, Tuple
+from dataclasses import dataclass, field
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from ground.analysis.distributions import normal_limit
 from ground.analysis.likelihood import ABSENT
 from ground.analysis.thinning import thinned
 from ground.poses import scatter
-from ground.support.annotations import Array, Document, Indices
+from ground.support import records
+from ground.support.annotations import Array, Indices
 
 LAGS = 40  # number of lags of the auto-correlation [samples]
 BARTLETT_LAGS = 100  # lags over which residuals widen the band of that correlation [samples]
@@ -27,9 +29,51 @@ ITERATIONS = 5  # at most, in each fit of the levels: further ones change the le
 UNITS = {"X": "N", "Y": "N", "N": "N m"}
 
 
+@dataclass(frozen=True)
+class NoiseLevel:
+    """A fitted level."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Correlation of residuals at some lags, with its band."""
+
+    lag_samples: Optional[List[int]] = field(metadata={records.ABSENT: None})  # of the auto-correlation
+    value: List[float]
+    band99: List[float]  # half width
+    outside: int  # lags whose value is outside
+    lags: int  # number of them
+    accepted: bool  # whether a true model's residuals may be so
+    lag_seconds: List[float]
+
+
+@dataclass(frozen=True)
+class ChannelCorrelations:
+    """Correlations of the residuals of a channel; None: the command never changes."""
+
+    autocorrelation: Correlation
+    input_sum: Optional[Correlation]
+    input_difference: Optional[Correlation]
+
+
+@dataclass(frozen=True)
+class ResidualTests:
+    """Whether residuals are white and independent of the inputs."""
+
+    of: str  # what the residuals are
+    band: float  # probability that a value of a true model is inside
+    samples: int
+    noise: Dict[str, NoiseLevel]
+    channels: Dict[str, ChannelCorrelations]
+    white: bool
+
+
 def analyse(
     run: _core.RunData, model: _core.Model, box: _core.GreyBox, point: _core.GreyBoxPoint
-) -> Document:
+) -> ResidualTests:
     """Auto-correlation and correlation with the commanded push of a model's thrusters ahead
     (`input_sum`) and to turn (`input_difference`), with 99% bands.
 
@@ -44,23 +88,23 @@ def analyse(
     c, s = np.cos(left["states"][:, 2]), np.sin(left["states"][:, 2])
     times, lags = np.array(run.times), windows.time_scale([run]) * INPUT_LAGS
     pushed = [model.forces(held(run, times - lag)) for lag in (0.0, *lags)]
-    channels: Document = {}
+    channels = {}
     for channel, values in (("ahead", c * x + s * y), ("starboard", c * y - s * x), ("heading", heading)):
         values = np.where(valid, values, np.nan)
         values = values - np.nanmean(values)
-        channels[channel] = {
-            "autocorrelation": _autocorrelation(values, stretch, scatter.interval(times)),
-            "input_sum": _with_input(values, [forces[:, 0] for forces in pushed], lags),
-            "input_difference": _with_input(values, [forces[:, 2] for forces in pushed], lags),
-        }
-    return {
-        "of": "innovations of the pose, Kalman filter around the model with white force",
-        "band": BAND,
-        "samples": int(valid.sum()),
-        "noise": levels(point, run, "white"),
-        "channels": channels,
-        "white": all(c["autocorrelation"]["accepted"] for c in channels.values()),
-    }
+        channels[channel] = ChannelCorrelations(
+            _autocorrelation(values, stretch, scatter.interval(times)),
+            _with_input(values, [forces[:, 0] for forces in pushed], lags),
+            _with_input(values, [forces[:, 2] for forces in pushed], lags),
+        )
+    return ResidualTests(
+        of="innovations of the pose, Kalman filter around the model with white force",
+        band=BAND,
+        samples=int(valid.sum()),
+        noise=levels(point, run, "white"),
+        channels=channels,
+        white=all(c.autocorrelation.accepted for c in channels.values()),
+    )
 
 
 def commands(model: _core.Model) -> Dict[str, str]:
@@ -88,14 +132,14 @@ def disturbance(
     return _core.GreyBox([run], model), found
 
 
-def levels(point: _core.GreyBoxPoint, run: _core.RunData, kind: str) -> Document:
+def levels(point: _core.GreyBoxPoint, run: _core.RunData, kind: str) -> Dict[str, NoiseLevel]:
     """Levels of the wrench of a kind ("sigma" or "white") and of the noise of poses, with their units."""
     found, per = point.levels, " sqrt(s)" if kind == "white" else ""
     scale = np.exp(point.log_scales[0])  # of the run
     entries = [(c, scale * found[kind + "_" + c], UNITS[c] + per) for c in UNITS]
     entries += [("position", found["position"] * run.noise[0], "m")]
     entries += [("heading", found["heading"] * run.noise[2], "rad")]
-    return {name: {"value": float(value), "unit": unit} for name, value, unit in entries}
+    return {name: NoiseLevel(float(value), unit) for name, value, unit in entries}
 
 
 def held(run: _core.RunData, times: Array) -> Array:
@@ -105,7 +149,7 @@ def held(run: _core.RunData, times: Array) -> Array:
     return given[np.searchsorted(inputs[:, 0], times, side="right")]
 
 
-def _autocorrelation(values: Array, stretch: Indices, step: float) -> Document:
+def _autocorrelation(values: Array, stretch: Indices, step: float) -> Correlation:
     variance = np.nanmean(values**2)
     found, bands = [], []
     for lag in range(1, min(LAGS, len(values) // 4) + 1):
@@ -115,11 +159,11 @@ def _autocorrelation(values: Array, stretch: Indices, step: float) -> Document:
             break
         found.append(float(products.mean() / variance))
         bands.append(1 / np.sqrt(len(products)))
-    lags = range(1, len(found) + 1)
-    return {"lag_samples": list(lags), **_judged(found, bands), "lag_seconds": [step * k for k in lags]}
+    lags = list(range(1, len(found) + 1))
+    return _judged(found, bands, [step * k for k in lags], lags)
 
 
-def _with_input(values: Array, pushed: Sequence[Array], lags: Array) -> Optional[Document]:
+def _with_input(values: Array, pushed: Sequence[Array], lags: Array) -> Optional[Correlation]:
     """Correlation with a command; None when it never changes. pushed: the command at the samples, and then
     each lag [s] before."""
     good = np.isfinite(values)
@@ -137,18 +181,25 @@ def _with_input(values: Array, pushed: Sequence[Array], lags: Array) -> Optional
     for before in (some[good] for some in earlier):
         spread = before.std() * values[good].std()
         found.append(float(np.mean((before - before.mean()) * values[good]) / spread) if spread > 0 else 0.0)
-    return {"lag_seconds": lags.tolist(), **_judged(found, [width] * len(found))}
+    return _judged(found, [width] * len(found), lags.tolist())
 
 
-def _judged(found: Sequence[float], widths: Sequence[float]) -> Document:
+def _judged(
+    found: Sequence[float],
+    widths: Sequence[float],
+    lags: List[float],
+    lag_samples: Optional[List[int]] = None,
+) -> Correlation:
     """Values with bands; accepted unless one lies outside the band of their maximum."""
     values, bands = np.array(found), np.array(widths)
     band = normal_limit(0.5 * (1 - BAND)) * bands
     furthest = normal_limit(0.5 * (1 - BAND) / max(1, len(values)))
-    return {
-        "value": values.tolist(),
-        "band99": band.tolist(),
-        "outside": int((np.abs(values) > band).sum()),
-        "lags": len(values),
-        "accepted": bool((np.abs(values) <= furthest * bands).all()),
-    }
+    return Correlation(
+        lag_samples=lag_samples,
+        value=values.tolist(),
+        band99=band.tolist(),
+        outside=int((np.abs(values) > band).sum()),
+        lags=len(values),
+        accepted=bool((np.abs(values) <= furthest * bands).all()),
+        lag_seconds=lags,
+    )

@@ -38,7 +38,7 @@ import numpy as np
 from ground.analysis import comparison, horizon
 from ground.analysis.window_error import noise_floor
 from ground.comparing.ranking import Ranking, equally_good
-from ground.comparing.result import ROLES, Comparison, RunComparison, prepare
+from ground.comparing.result import ROLES, ComparedModel, Comparison, RunComparison, prepare
 from ground.data import bag_arguments
 from ground.data.measured import Part, note_differences, note_suspicions, repaired
 from ground.data.read import NO_RECORDING, Recordings, taken
@@ -139,12 +139,13 @@ def _each_run(
         tasks.append(task)
     results = iter(zip(recordings, workers.Workers().map(_inspect, tasks)))
     with work.stage(COMPARING, sum(lengths)):
-        for length, (recording, studies) in zip(lengths, results):
+        for length, (recording, found) in zip(lengths, results):
             work.step(length)
-            yield RunComparison(recording.name, recording.bag, studies, recording)
+            models_of = [ComparedModel.of(one) for one in found]
+            yield RunComparison(recording.name, recording.bag, models_of, recording, found)
 
 
-def _inspect(task: Sequence[Tuple[Any, ...]]) -> List[Document]:
+def _inspect(task: Sequence[Tuple[Any, ...]]) -> List[inspection.Inspection]:
     return [inspection.inspect(*one) for one in task]
 
 
@@ -153,30 +154,30 @@ def _conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison
     pooled: Dict[str, Document] = {}
     for label in models:
         of_model = _studies(runs, label)
-        groups = {role: [s["evaluation"] for s in of_model if s["role"] == role] for role in ROLES}
+        groups = {role: [s.evaluation for s in of_model if s.role == role] for role in ROLES}
         pooled[label] = {
-            "all": comparison.numbers([s["evaluation"] for s in of_model]),
+            "all": comparison.numbers([s.evaluation for s in of_model]),
             **{role: comparison.numbers(groups[role]) if groups[role] else None for role in ROLES},
         }
-    held_out = [run for run in runs if all(s["role"] == "held_out" for s in run.studies)]
+    held_out = [run for run in runs if all(s.role == "held_out" for s in run.inspections)]
     ranked = held_out or runs
     ranking = _ranking(list(models), ranked)
     best = models[ranking.best].core
-    data = [s["run"] for s in _studies(ranked, ranking.best)]
+    data = [s.run for s in _studies(ranked, ranking.best)]
     floor = float(noise_floor(data, best).sum())
     seconds = horizon.horizon(data, best)
     each = {label: horizon.same(model.core) for label, model in models.items()}
     prediction = horizon.prediction_error(data, seconds, each, best)
     for label in models:  # over all starts, as the tables have it
-        for row in comparison.numbers([s["evaluation"] for s in _studies(ranked, label)])["horizons"]:
+        for row in comparison.numbers([s.evaluation for s in _studies(ranked, label)])["horizons"]:
             if prediction and row["seconds"] == seconds and row["starts"]:
                 prediction.errors[label] = horizon.PoseError(row["position_mm"], row["heading_deg"])
     return Comparison(models, runs, pooled, ranking, floor, prediction)
 
 
-def _studies(runs: Sequence[RunComparison], label: str) -> List[Document]:
-    """Studies of a model against runs."""
-    return [s for run in runs for s in run.studies if s["label"] == label]
+def _studies(runs: Sequence[RunComparison], label: str) -> List[inspection.Inspection]:
+    """Inspections of a model on runs."""
+    return [s for run in runs for s in run.inspections if s.label == label]
 
 
 def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
@@ -184,10 +185,10 @@ def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
     errors, roles, by_window = {}, {}, {}
     for label in labels:
         studies = _studies(runs, label)
-        each = [s["evaluation"].by_window for s in studies]
+        each = [s.evaluation.by_window for s in studies]
         by_window[label], run_of = np.concatenate(each), np.repeat(range(len(each)), list(map(len, each)))
-        errors[label] = float(comparison.numbers([s["evaluation"] for s in studies])["error"])
-        roles[label] = {s["role"] for s in studies}
+        errors[label] = float(comparison.numbers([s.evaluation for s in studies])["error"])
+        roles[label] = {s.role for s in studies}
     fitted = [label for label in labels if "fit" in roles[label]]
     order = sorted(errors, key=errors.__getitem__)
     return Ranking(

@@ -5,25 +5,26 @@ from typing import Mapping, Optional, Sequence
 from ground.analysis.horizon import PredictionError
 from ground.comparing.ranking import Ranking
 from ground.reports import appearance, figures, page, studies
+from ground.reports.inspection import Inspection
 from ground.reports.words import off
-from ground.support.annotations import Document
+from ground.support.annotations import Document, Plotly
 from ground.support.headline import Line
 
 
 def write(
     path: str,
     head: Sequence[Line],
-    predictions: Optional[Document],
+    predictions: Optional[Plotly],
     pooled: Mapping[str, Document],
-    inspected: Sequence[Sequence[Document]],
+    inspected: Sequence[Sequence[Inspection]],
     described: Sequence[Document],
     inputs: Sequence[str] = (),
     force: bool = False,
 ) -> None:
     """Writes the page of a comparison.
 
-    predictions: their figure; pooled: Comparison.pooled; inspected: for every run, the results of
-    ground.reports.inspection for each model; described: findings.describe of all runs; inputs: files read.
+    predictions: their figure; pooled: Comparison.pooled; inspected: for every run, the Inspection of each
+    model; described: findings.describe of all runs; inputs: files read.
     """
     page.write(
         path,
@@ -46,7 +47,7 @@ def write(
     )
 
 
-def predictions(ranking: Ranking, found: Optional[PredictionError]) -> Optional[Document]:
+def predictions(ranking: Ranking, found: Optional[PredictionError]) -> Optional[Plotly]:
     """Bars of how far predicted poses are off, the best model last; None where runs are too short."""
     if found is None:
         return None

@@ -14,6 +14,7 @@ from ground.comparing.ranking import Ranking
 from ground.models import Model
 from ground.reading.recording import VELOCITY, Recording
 from ground.reports import appearance, matlab, result_folder
+from ground.reports.inspection import Inspection
 from ground.reports.words import number
 from ground.support import files, records
 from ground.support.annotations import Document, Path
@@ -54,6 +55,24 @@ class _Frame(Shown):
         return frame.set_index(["run", "model"])
 
 
+@dataclass(frozen=True)
+class ComparedModel:
+    """A model against one run, as compare.json has it."""
+
+    label: str
+    role: str  #: fit or held_out
+    numbers: Document  #: error numbers (comparison.numbers)
+    residuals: Document
+    wrench: Document  #: numbers of the missing wrench
+    summary: List[str]  #: what stands out, in sentences
+
+    @classmethod
+    def of(cls, one: Inspection) -> "ComparedModel":
+        """The numbers of an Inspection."""
+        correlations, wrench = (records.plain(found) for found in (one.residuals, one.missing.numbers))
+        return cls(one.label, one.role, one.numbers, correlations, wrench, one.summary)
+
+
 @dataclass(frozen=True, repr=False)
 class RunComparison(_Frame):
     """All models against one run.
@@ -65,22 +84,28 @@ class RunComparison(_Frame):
 
     name: str  #: of the run
     bag: str  #: name of its file
-    #: one for each model: label, role ("fit" or "held_out"), numbers (of comparison.numbers), summary
-    #: (sentences), residuals and missing (as in compare.json); and run, model, evaluation, which a
-    #: loaded comparison does not have
-    studies: List[Document]
+    models: List[ComparedModel]  #: one for each model
     recording: Optional[Recording]  #: None when it was loaded
+    inspections: Sequence[Inspection] = ()  #: one for each model; none when it was loaded
+
+    @property
+    def studies(self) -> List[Document]:
+        """One for each model: label, role ("fit" or "held_out"), numbers (of comparison.numbers), summary
+        (sentences), residuals and wrench (as in compare.json); and run, model, evaluation and missing, which
+        a loaded comparison does not have."""
+        seen = {one.label: vars(one) for one in self.inspections}
+        return [{**seen.get(one.label, {}), **vars(one)} for one in self.models]
 
     @property
     def numbers(self) -> Document:
         """Error numbers by model: error, error_by_channel, prediction_error, thesis_objective, fit_percent,
         rms, rms_units and horizons, as compare.json explains them (ground.comparing.compare)."""
-        return {study["label"]: study["numbers"] for study in self.studies}
+        return {one.label: one.numbers for one in self.models}
 
     @property
     def remarks(self) -> Dict[str, List[str]]:
         """Sentences on what stands out, by model."""
-        return {study["label"]: study["summary"] for study in self.studies}
+        return {one.label: one.summary for one in self.models}
 
     def to_dict(self, files: Optional[Files] = None) -> Dict[str, object]:
         """Plain values, as compare.json has them; files: the run's files."""
@@ -88,30 +113,30 @@ class RunComparison(_Frame):
             "name": self.name,
             "bag": self.bag,
             "models": {
-                study["label"]: dict(
-                    study["numbers"],
-                    role=study["role"],
-                    residuals=study["residuals"],
-                    wrench=study["missing"].numbers,
-                    files={"wrench_csv": files[study["label"]]} if files else None,
-                    summary=study["summary"],
+                one.label: dict(
+                    one.numbers,
+                    role=one.role,
+                    residuals=one.residuals,
+                    wrench=one.wrench,
+                    files={"wrench_csv": files[one.label]} if files else None,
+                    summary=one.summary,
                 )
-                for study in self.studies
+                for one in self.models
             },
         }
 
     def rows(self) -> Iterator[Sequence[Any]]:
         """Run, model, role and numbers."""
-        for s in self.studies:
-            yield self.name, s["label"], s["role"], s["numbers"]
+        for one in self.models:
+            yield self.name, one.label, one.role, one.numbers
 
     def table(self) -> Iterator[str]:
         """Errors of the models, and what stands out."""
         yield self.name
-        yield from _table([(s["label"], s["role"], s["numbers"]) for s in self.studies])
-        for study in self.studies:
-            for sentence in study["summary"]:
-                yield "  %s: %s" % (study["label"], sentence)
+        yield from _table([(one.label, one.role, one.numbers) for one in self.models])
+        for one in self.models:
+            for sentence in one.summary:
+                yield "  %s: %s" % (one.label, sentence)
 
 
 @dataclass(frozen=True, repr=False)
@@ -198,7 +223,7 @@ class Comparison(_Frame, Plotted):
         measured and what each model predicts; its text `about` has units and frames. GroundError when the
         file cannot be written."""
         studied = [
-            matlab.Study(run.studies[0]["run"], {s["label"]: s["evaluation"] for s in run.studies})
+            matlab.Study(run.inspections[0].run, {s.label: s.evaluation for s in run.inspections})
             for run in self.runs
         ]
         matlab.write(path, self.models, studied, force)
@@ -224,9 +249,9 @@ class Comparison(_Frame, Plotted):
         stale = ("report.html", "*.wrench.*.csv") if result_folder.is_of(numbers, SCHEMA) else ()
         with result_folder.replaced(place, stale, force) as new:
             for run_of, own in zip(self.runs, named):
-                for study in run_of.studies:
-                    path = os.path.join(new, os.path.basename(own[study["label"]]))
-                    missing = study["missing"]
+                for one in run_of.inspections:
+                    path = os.path.join(new, os.path.basename(own[one.label]))
+                    missing = one.missing
                     rows = np.column_stack([missing.times, missing.wrench, missing.sigma])
                     files.write_csv(path, WRENCH, rows)
             files.write_json(os.path.join(new, "compare.json"), self.to_dict(named))
@@ -242,7 +267,7 @@ class Comparison(_Frame, Plotted):
                 self.headline(report_file),
                 report.predictions(self.ranking, self.prediction),
                 self.pooled,
-                [run.studies for run in self.runs],
+                [run.inspections for run in self.runs],
                 findings.describe([repaired(recording) for recording in recordings]),
                 [path for path in inputs if path],
                 force,
@@ -253,25 +278,18 @@ class Comparison(_Frame, Plotted):
 NUMBERS = ("role", "residuals", "wrench", "files", "summary")  # what is no error number of a model
 
 
-@dataclass(frozen=True)
-class _Wrench:
-    """The numbers of a missing wrench."""
-
-    numbers: Document
-
-
 def _run_of(document: Document) -> RunComparison:
     """A run of compare.json."""
-    studies = [
-        {
-            "label": label,
-            "numbers": {name: value for name, value in of_model.items() if name not in NUMBERS},
-            "missing": _Wrench(of_model["wrench"]),
-            **{name: of_model[name] for name in ("role", "residuals", "summary")},
-        }
-        for label, of_model in document["models"].items()
+    models = [
+        ComparedModel(
+            label,
+            found["role"],
+            {name: value for name, value in found.items() if name not in NUMBERS},
+            *(found[name] for name in ("residuals", "wrench", "summary")),
+        )
+        for label, found in document["models"].items()
     ]
-    return RunComparison(document["name"], document["bag"], studies, None)
+    return RunComparison(document["name"], document["bag"], models, None)
 
 
 def prepare(folder: str, force: bool) -> Sequence[str]:

@@ -2,12 +2,15 @@
 
 import itertools
 from dataclasses import dataclass
-from typing import Dict, List, Sequence, Tuple
+from typing import TYPE_CHECKING, Dict, List, Sequence, Tuple
 
 from ground import _core
 from ground.analysis.bands import Bands
 from ground.support.annotations import Document
 from ground.support.errors import Diverged, warn
+
+if TYPE_CHECKING:
+    from ground.reports.inspection import Inspection
 
 REFITTED = "refitted"  # label of the nominal model
 
@@ -25,15 +28,15 @@ class Drawn:
     described: List[Document]  #: findings.describe of all runs
     inputs: List[str]  #: paths of all that was read
 
-    def inspected(self, chosen: Sequence[int]) -> List[List[Document]]:
-        """For runs by their numbers, first those fitted to, the results of ground.reports.inspection for each
-        model; none, with a warning, where a motion is not finite."""
+    def inspected(self, chosen: Sequence[int]) -> "List[List[Inspection]]":
+        """For runs by their numbers, first those fitted to, the Inspection of each model; none, with a
+        warning, where a motion is not finite."""
         from ground.reports import inspection
         from ground.support.workers import Workers
 
         runs = [(run, "fit") for run in self.runs] + [(run, "held_out") for run in self.held]
 
-        def inspect(task: Tuple[int, Tuple[str, _core.Model]]) -> Document:
+        def inspect(task: Tuple[int, Tuple[str, _core.Model]]) -> "Inspection":
             number, (label, model) = task
             run, role = runs[number]
             return inspection.inspect(run, model, label, role)

@@ -8,7 +8,7 @@ from ground.diagnosing.drawn import Drawn
 from ground.diagnosing.report import DiagnosisReport
 from ground.reports import appearance, figures, page, studies
 from ground.reports.words import number, off
-from ground.support.annotations import Document
+from ground.support.annotations import Plotly
 
 MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
 
@@ -49,7 +49,7 @@ def write(path: str, report: DiagnosisReport, found: Drawn, force: bool = False)
     )
 
 
-def predictions(report: DiagnosisReport) -> Optional[Document]:
+def predictions(report: DiagnosisReport) -> Optional[Plotly]:
     """Bars of how far predicted poses are off; None where runs are too short."""
     found, effects = report.prediction, report.improved.effects
     if found is None:

@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
-from ground.analysis.agreement import Common
+from ground.analysis.agreement import Agreement
 from ground.analysis.bands import Coverage
 from ground.analysis.horizon import PoseError, PredictionChange, PredictionError
 from ground.analysis.judge import PairedComparison
@@ -219,25 +219,6 @@ class ErrorShares:
 
 
 @dataclass(frozen=True)
-class WindowErrors:
-    """Root mean square errors of recordings."""
-
-    measured: float
-    expected: float  # of artificial ones
-    noise: float  # of artificial ones without the disturbance
-
-
-@dataclass(frozen=True)
-class DisturbanceAgreement:
-    """Whether what is left is the random disturbance."""
-
-    error: WindowErrors
-    holds: bool
-    frequency: Optional[float]  # that stands out [Hz], where it is why not
-    common: Optional[Common]  # what runs with the same commands have in common
-
-
-@dataclass(frozen=True)
 class NextExperiment:
     """The experiment in which rivals would diverge most."""
 
@@ -326,7 +307,7 @@ class DiagnosisReport:
     dropped: List[DroppedEffect]
     varies: List[Varying]
     ceiling: ErrorShares
-    agreement: DisturbanceAgreement
+    agreement: Agreement  # whether what is left is the random disturbance
     disturbance: Dict[str, float]  # levels
     candidates: List[TriedEffect]
     bands: List[Coverage]

@@ -16,7 +16,6 @@ from ground.diagnosing.report import (
     AddedEffect,
     ArgumentShare,
     DiagnosisReport,
-    DisturbanceAgreement,
     DroppedEffect,
     EffectTests,
     ErrorShare,
@@ -36,7 +35,6 @@ from ground.diagnosing.report import (
     ScreenedEffect,
     TriedEffect,
     Unexplained,
-    WindowErrors,
     corrected,
 )
 from ground.effect_library import candidates
@@ -59,7 +57,7 @@ def begun(
     the recordings look like; selection: which effects of the library were tried, "only wind"; empty: all."""
     before, after, left = conclusion.before, conclusion.after, conclusion.ceiling
     names = [run.name for run in diagnosis.runs]
-    by = "holdout" if heldout else CROSSED
+    by, fit = "holdout" if heldout else CROSSED, diagnosis.fit
     return DiagnosisReport(
         schema=SCHEMA,
         version=_core.version,
@@ -87,7 +85,9 @@ def begun(
             ModelError(float(after.error.sum()), float(after.heldout.sum()), by),
             conclusion.cross_validated,
             after.by,
-            _likelihood(diagnosis) if after.by == "likelihood" else None,
+            FitLikelihood(float(fit.by_run.sum()), len(fit.free), diagnosis.samples)
+            if after.by == "likelihood"
+            else None,
         ),
         noise_floor=conclusion.heldout_floor,
         prediction=conclusion.prediction,
@@ -105,8 +105,8 @@ def begun(
             [] if left.found is None else [term.name for term in left.found.terms],
             conclusion.formula.means if conclusion.formula else None,
         ),
-        agreement=_agreement(conclusion),
-        disturbance=dict(diagnosis.fit.levels),
+        agreement=conclusion.agreement,
+        disturbance=dict(fit.levels),
         candidates=[],
         bands=[],
         next_experiment=None,
@@ -147,12 +147,6 @@ def screened(diagnosis: StepwiseDiagnosis) -> List[ScreenedEffect]:
         )
         for trial in diagnosis.trials()
     ]
-
-
-def _likelihood(diagnosis: StepwiseDiagnosis) -> FitLikelihood:
-    """The log-likelihood of the grown model."""
-    fit = diagnosis.fit
-    return FitLikelihood(float(fit.by_run.sum()), len(fit.free), diagnosis.samples)
 
 
 def parameters(
@@ -208,13 +202,6 @@ def _dropped(diagnosis: StepwiseDiagnosis) -> List[DroppedEffect]:
 def _share(share: Share) -> ErrorShare:
     """A share of the error."""
     return ErrorShare(share.value, (share.low, share.high))
-
-
-def _agreement(conclusion: Conclusion) -> DisturbanceAgreement:
-    """Whether the rest is a random push."""
-    found = conclusion.agreement
-    errors = WindowErrors(found.error, found.expected, found.noise)
-    return DisturbanceAgreement(errors, found.holds, found.frequency, found.common)
 
 
 def _tried(diagnosis: StepwiseDiagnosis, alike: Sequence[LookAlike]) -> List[TriedEffect]:

@@ -192,7 +192,7 @@ def _missing_source(
     clock [s]."""
     wrench, sigma = inferred.wrench.tolist(), inferred.sigma.tolist()
     times = _at(inferred.times + zero)
-    spans = [(one["start"], one["end"] - one["start"]) for one in inferred.numbers["disturbances"]]
+    spans = [(one.start, one.end - one.start) for one in inferred.numbers.disturbances]
 
     def told(at: int, i: int) -> None:
         words = "no input explains the motion of the next %.1f s (contact, hand, wrong poses)" % spans[i][1]

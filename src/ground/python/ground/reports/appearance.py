@@ -8,7 +8,7 @@ from ground.analysis import comparison, missing_wrench
 from ground.analysis.horizon import PoseError
 from ground.reading.recording import unit
 from ground.reports.words import number, off
-from ground.support.annotations import Document
+from ground.support.annotations import Document, Plotly
 
 MEASURED = _core.palette["measured"]
 MODELS = _core.palette["models"]
@@ -43,18 +43,18 @@ def model_color(index: int) -> str:
     return str(MODELS[index % len(MODELS)])
 
 
-def model_line(index: int, width: float) -> Document:
+def model_line(index: int, width: float) -> Plotly:
     """Line of a model by its number: colour, dashes, width [pixels]."""
     dash = DASHES[(index + index // len(MODELS)) % len(DASHES)]
     return {"color": model_color(index), "dash": dash, "width": width}
 
 
-def model_mark(index: int) -> Document:
+def model_mark(index: int) -> Plotly:
     """Mark of a model by its number."""
     return {"symbol": MARKS[index % len(MARKS)], "color": model_color(index), "size": 5}
 
 
-def thruster_line(index: int, width: float) -> Document:
+def thruster_line(index: int, width: float) -> Plotly:
     """Line of a thruster by its place in the model, constant between the changes of its command."""
     dash = DASHES[index // len(THRUSTERS) % len(DASHES)]
     color = THRUSTERS[index % len(THRUSTERS)]
@@ -67,9 +67,9 @@ def transparent(color: str, opacity: float) -> str:
     return "rgba(%d,%d,%d,%g)" % (red, green, blue, opacity)
 
 
-def scaled(entry: Document) -> Tuple[float, str]:
+def scaled(channel: missing_wrench.WrenchChannel) -> Tuple[float, str]:
     """Factor and unit in which the numbers of a channel of the wrench are easy to read."""
-    return (1e3, "m" + entry["unit"]) if entry["full_scale"] < 1 else (1.0, entry["unit"])
+    return (1e3, "m" + channel.unit) if channel.full_scale < 1 else (1.0, channel.unit)
 
 
 def wrapped(text: str, width: int) -> str:

@@ -1,13 +1,14 @@
 """Parts of the package's figures (plotly): curves, arrows, notes, small multiples."""
 
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ground import _core
 from ground.poses import scatter
 from ground.reports.appearance import model_line, model_mark, thruster_line, transparent
 from ground.reports.panels import Panels
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array, Document, Plotly
 
 MAX_POINTS = 1000  # points of a curve; captions say what is left out
 ARROW_HEAD = 0.3  # length of an arrow's head, as a share of the arrow
@@ -16,7 +17,9 @@ Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # axes of a view from
 ZERO_LINE: Document = {"zeroline": True, "zerolinecolor": "#888888", "zerolinewidth": 1}
 
 
-def curve(x: Any, y: Any, name: str, line: Document, legend: bool, opacity: float = 1.0) -> Document:
+def curve(
+    x: Any, y: Any, name: str, line: Mapping[str, object], legend: bool, opacity: float = 1.0
+) -> Plotly:
     """A line through points; nothing is drawn at and beside NaN."""
     return {
         "type": "scatter",
@@ -32,19 +35,19 @@ def curve(x: Any, y: Any, name: str, line: Document, legend: bool, opacity: floa
     }
 
 
-def shaded(x: Array, low: Array, high: Array, shade: str, opacity: float) -> Document:
+def shaded(x: Array, low: Array, high: Array, shade: str, opacity: float) -> Plotly:
     """The area between two curves."""
     return area(*outline(x, low, high), "", shade, opacity, False)
 
 
-def area(x: Any, y: Any, name: str, shade: str, opacity: float, legend: bool) -> Document:
+def area(x: Any, y: Any, name: str, shade: str, opacity: float, legend: bool) -> Plotly:
     """The area inside outlines, NaN between them."""
     trace = curve(x, y, name, {"width": 0, "color": shade}, legend)
     del trace["hovertemplate"]
     return dict(trace, fill="toself", fillcolor=transparent(shade, opacity), hoverinfo="skip")
 
 
-def points(x: Any, y: Any, marker: Document, **style: Any) -> Document:
+def points(x: Any, y: Any, marker: Plotly, **style: Any) -> Plotly:
     """Marks at points."""
     place = {"type": "scatter", "mode": "markers", "x": short(x), "y": short(y)}
     return {**place, "marker": marker, **style}
@@ -56,11 +59,11 @@ def arrows(
     dx: Any,
     dy: Any,
     name: str,
-    line: Document,
+    line: Mapping[str, object],
     head: float = ARROW_HEAD,
     legend: bool = False,
     opacity: float = 1.0,
-) -> Document:
+) -> Plotly:
     """Arrows from (x, y) that are (dx, dy) long. head: length of its two lines, as a share."""
     tail, along = np.array([x, y], float), np.array([dx, dy], float)
     across = np.array([-along[1], along[0]])
@@ -70,7 +73,7 @@ def arrows(
     return curve(strokes[0], strokes[1], name, line, legend, opacity)
 
 
-def bins(x: Any, values: Any, name: str, model: int, legend: bool) -> Document:
+def bins(x: Any, values: Any, name: str, model: int, legend: bool) -> Plotly:
     """Means at the centres of bins, by the model of that number."""
     return dict(
         curve(x, values, name, model_line(model, 1.4), legend),
@@ -80,7 +83,7 @@ def bins(x: Any, values: Any, name: str, model: int, legend: bool) -> Document:
     )
 
 
-def walls(room: Any) -> Document:
+def walls(room: Any) -> Plotly:
     """The walls of a _core.RoomPlan from above."""
     corners = np.array(list(room.corners) + [room.corners[0]])
     line = {"color": "#aaaaaa", "width": 4}
@@ -113,11 +116,11 @@ def note(
     )
 
 
-def add_commands(figure: Panels, study: Document, row: int) -> None:
+def add_commands(figure: Panels, model: _core.Model, run: _core.RunData, row: int) -> None:
     """Commands of all thrusters over time in a row, and the time under it."""
     low, high = 0.0, 1.0
-    for column, thruster in enumerate(study["model"].thrusters, 1):
-        at, values = _commands(study["run"], column, study["model"].input_max)
+    for column, thruster in enumerate(model.thrusters, 1):
+        at, values = _commands(run, column, model.input_max)
         low, high = min(low, *values), max(high, *values)
         name = "command %s [-]" % thruster["name"].replace("_", " ")
         figure.add(curve(at, values, name, thruster_line(column - 1, 1.2), True), row, 1)

@@ -29,16 +29,17 @@ from ground.reports.figure_parts import (
     short,
     with_gaps,
 )
+from ground.reports.inspection import Inspection, PredictionBand, SimulatedMotion
 from ground.reports.panels import Panels
 from ground.reports.words import listed, two_digits
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array, Plotly
 
 LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 
 
 def predictions(
     found: PredictionError, shown: Sequence[Tuple[str, str]], title: str, fitted: Sequence[str] = ()
-) -> Document:
+) -> Plotly:
     """Bars of how far predicted poses are off, and what the mocap alone leaves.
 
     shown: names and labels of its models, from the top; fitted: labels of those that were fitted to these
@@ -65,8 +66,10 @@ def predictions(
         figure.add(bar, row, 1)
         figure.span(floor, floor, row, 1, line={"color": FLOOR, "dash": "dash", "width": 2})
         text = "the mocap alone: %s %s" % (two_digits(floor), unit)
-        style: Document = {"yanchor": "bottom", "xanchor": "left"}
-        figure.note(text, floor, 1, row, 1, xref=figure.axis("x", 1, row), font={"color": FLOOR}, **style)
+        figure.note(
+            text, floor, 1, row, 1, xref=figure.axis("x", 1, row), font={"color": FLOOR},
+            yanchor="bottom", xanchor="left",
+        )  # fmt: skip
         figure.update_xaxes(row, 1, range=[0, 1.35 * max(most, floor)], ticksuffix=" " + unit)
     figure.update_yaxes(autorange="reversed", automargin=True)
     lines = sum(1 + label.count("<br>") for label in labels)
@@ -79,62 +82,60 @@ def predictions(
     return figure.finish(height, caption, {"t": 30, "b": 30, "l": 20, "r": 20}, title=title)
 
 
-def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) -> Document:
+def motion(
+    studies: Sequence[SimulatedMotion], bands: Optional[bands_of.Bands] = None, caption: str = ""
+) -> Plotly:
     """Velocities and commands over time and the path from above, of every model.
 
-    bands: the last model's, drawn behind the velocities. A study may have a `band` of its prediction: its
-    `level`, and `low` and `high` (k, 6) for each of its pieces; it is drawn about the path, too.
+    bands: the last model's, drawn behind the velocities; caption: in place of the usual one. The band of a
+    study is drawn about the path, too.
     """
-    run = studies[0]["run"]
+    run = studies[0].run
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
     figure = Panels(4, 2, [0.64, 0.36], [155, 155, 155, 88], gaps=(0.08, 0.025), tall=[2], shared="x")
     every = every_so_many(times)
     if bands is not None:
         _add_bands(figure, bands, every.step, model_color(len(studies) - 1))
     for count, study in enumerate(studies):
-        if "band" in study:
-            _add_band(figure, study, every.step, model_color(count))
+        if study.band:
+            _add_band(figure, study, study.band, every.step, model_color(count))
     shown = with_gaps(times[every], nu[every], eta[every])
     _add_motion(figure, shown, "measured", {"color": MEASURED, "width": 4}, 0.35)
     for count, study in enumerate(studies):
-        pieces = [fewer([p[n] for n in ("times", "nu", "eta")], every.step) for p in _pieces(study)]
+        pieces = [fewer([p[n] for n in ("times", "nu", "eta")], every.step) for p in study.pieces]
         ended = [[np.concatenate([a, np.full_like(a[:1], np.nan)]) for a in p] for p in pieces]
         together = [np.concatenate(parts) for parts in zip(*ended)]
-        _add_motion(figure, together, study["label"], model_line(count, 1.6))
+        _add_motion(figure, together, study.label, model_line(count, 1.6))
     start = {"size": 7, "color": MEASURED}
     figure.add(points(eta[:1, 1], eta[:1, 0], start, name="start"), 1, 2)
-    add_commands(figure, studies[0], 4)
+    add_commands(figure, studies[0].model, run, 4)
     for row, (_, label, unit) in enumerate(CHANNELS, 1):
         figure.update_yaxes(title="%s [%s]" % (label, unit), row=row, col=1)
     figure.update_xaxes(range=[float(times[0]), float(times[-1])], col=1)
     figure.update_xaxes(title=Y_AXIS, row=1, col=2)
     figure.update_yaxes(title=X_AXIS, scaleanchor="x2", row=1, col=2)
-    figure.layout["hovermode"] = "x"
-    return figure.finish(713, _motion_caption(run, every.step, bands), title=motion_title(studies))
+    caption = caption or _motion_caption(run, every.step, bands)
+    return figure.finish(713, caption, title=motion_title(studies), hovermode="x")
 
 
-def motion_title(studies: Sequence[Document]) -> str:
+def motion_title(studies: Sequence[SimulatedMotion]) -> str:
     """What the velocities show: which model follows them, and where the first one fails."""
     first, last = studies[0], studies[-1]
-    by_channel = first["numbers"]["error_by_channel"]
-    name = max(by_channel, key=by_channel.__getitem__)
+    by_channel = first.errors
+    name = max(by_channel, key=lambda name: by_channel[name])
     share = 100 * by_channel[name] / max(1e-300, sum(by_channel.values()))
     channel = {c: label for c, label, _ in CHANNELS}[name]
-    fails = "%.0f%% of the error (%s) is in the %s" % (share, first["label"], channel)
+    fails = "%.0f%% of the error (%s) is in the %s" % (share, first.label, channel)
     if first is last:
         return fails
-    ratio = first["numbers"]["error"] / max(last["numbers"]["error"], 1e-300)
+    ratio = sum(first.errors.values()) / max(sum(last.errors.values()), 1e-300)
     if ratio < 1:
-        return "%s; %s is no better" % (fails, last["label"])
-    return "%s; %s follows the motion %.2g times as well" % (fails, last["label"], ratio)
-
-
-def _pieces(study: Document) -> List[Document]:
-    return list(study["evaluation"].pieces)
+        return "%s; %s is no better" % (fails, last.label)
+    return "%s; %s follows the motion %.2g times as well" % (fails, last.label, ratio)
 
 
 def _add_motion(
-    figure: Panels, series: Sequence[Array], name: str, line: Document, opacity: float = 1.0
+    figure: Panels, series: Sequence[Array], name: str, line: Plotly, opacity: float = 1.0
 ) -> None:
     """Adds velocities over time and the path; series: times, velocities and poses."""
     times, nu, eta = series
@@ -157,10 +158,10 @@ def _add_bands(figure: Panels, bands: bands_of.Bands, step: int, shade: str) -> 
         figure.add(area(x, y, "%.0f%% band" % (100 * bands_of.PART), shade, 0.2, row == 0), row + 1, 1)
 
 
-def _add_band(figure: Panels, study: Document, step: int, shade: str) -> None:
+def _add_band(figure: Panels, study: SimulatedMotion, band: PredictionBand, step: int, shade: str) -> None:
     """Adds the band of a prediction to the rows of u, v, r, and to both sides of the path."""
-    name, rows, places = "%.0f%% band" % (100 * study["band"]["level"]), [], []
-    for piece, low, high in zip(_pieces(study), study["band"]["low"], study["band"]["high"]):
+    name, rows, places = "%.0f%% band" % (100 * band.level), [], []
+    for piece, low, high in zip(study.pieces, band.low, band.high):
         times, eta, low, high = fewer([piece["times"], piece["eta"], low, high], step)
         rows.append([outline(times, low[:, 3 + row], high[:, 3 + row]) for row in range(len(CHANNELS))])
         places += _swept(eta[:, :2], (high - low)[:, :2] / 2)
@@ -201,9 +202,9 @@ def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str
     return caption
 
 
-def residual_correlation(studies: Sequence[Document]) -> Document:
+def residual_correlation(studies: Sequence[Inspection]) -> Plotly:
     """Correlation of one-step residuals of every model with themselves and with the commands."""
-    columns = {"autocorrelation": "itself", **residuals.commands(studies[0]["model"])}
+    columns = {"autocorrelation": "itself", **residuals.commands(studies[0].model)}
     figure = Panels(
         3,
         len(columns),
@@ -211,12 +212,12 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
         shared="x",
         titles=["with %s, earlier" % name for name in columns.values()],
     )
-    for row, channel in enumerate(studies[0]["residuals"]["channels"], 1):
+    for row, channel in enumerate(studies[0].residuals.channels, 1):
         for col, kind in enumerate(columns, 1):
-            entries = [s["residuals"]["channels"][channel][kind] for s in studies]
+            entries = [getattr(s.residuals.channels[channel], kind) for s in studies]
             for count, (study, entry) in enumerate(zip(studies, entries)):
-                _add_correlation(figure, row, col, entry, study["label"], count)
-            values = [np.abs(e["value"]).max() for e in entries if e is not None]
+                _add_correlation(figure, row, col, entry, study.label, count)
+            values = [np.abs(e.value).max() for e in entries if e is not None]
             reach = 1.15 * max(values + [0.15])
             figure.update_yaxes(range=[-reach, 1.2 * reach], row=row, col=col)
         figure.update_yaxes(title="residual %s<br>correlation [-]" % channel, row=row, col=1)
@@ -225,31 +226,31 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
     figure.update_xaxes(title="lag [ms]", row=3)
     caption = (
         "Run %s: residuals from one pose to the next (Kalman filter around the model). Shaded: "
-        "%.0f%% band, in which a true model's stay." % (studies[0]["run"].name, 100 * residuals.BAND)
+        "%.0f%% band, in which a true model's stay." % (studies[0].run.name, 100 * residuals.BAND)
     )
     return figure.finish(560, caption, {"t": 65}, 1.06, title=residuals_title(studies))
 
 
-def residuals_title(studies: Sequence[Document]) -> str:
+def residuals_title(studies: Sequence[Inspection]) -> str:
     """What the residuals show: of each model, whether they follow something."""
-    white = [s["label"] for s in studies if s["residuals"]["white"]]
+    white = [s.label for s in studies if s.residuals.white]
     if len(white) == len(studies):
         return "The residuals are random: they depend neither on the commands nor on their own past"
-    others = [s["label"] for s in studies if s["label"] not in white]
+    others = [s.label for s in studies if s.label not in white]
     told = "The residuals of %s depend on commands or on their own past" % listed(others)
     return told + ("; the residuals of %s are random" % listed(white) if white else "")
 
 
 def _add_correlation(
-    figure: Panels, row: int, col: int, entry: Optional[Document], label: str, count: int
+    figure: Panels, row: int, col: int, entry: Optional[residuals.Correlation], label: str, count: int
 ) -> None:
     """Correlation at each lag, its band, and how many lags are outside; entry: None without one."""
     shade = model_color(count)
     if entry is None:
         text = "the command never changes"
     else:
-        lags, band = 1e3 * np.array(entry["lag_seconds"]), np.array(entry["band99"])
+        lags, band = 1e3 * np.array(entry.lag_seconds), np.array(entry.band99)
         figure.add(shaded(lags, -band, band, shade, 0.13), row, col)
-        figure.add(bins(lags, entry["value"], label, count, row == col == 1), row, col)
-        text = "%d of %d outside" % (entry["outside"], entry["lags"])
+        figure.add(bins(lags, entry.value, label, count, row == col == 1), row, col)
+        text = "%d of %d outside" % (entry.outside, entry.lags)
     note(figure, row, col, text, shade, 0.98, 14 * count)

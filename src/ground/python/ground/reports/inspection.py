@@ -1,26 +1,58 @@
 """Inspection of one model on one run: its numbers, and what stands out in sentences."""
 
-from typing import Dict, List, Mapping, NamedTuple, Optional
+from dataclasses import dataclass
+from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench, residuals
+from ground.analysis.residuals import ChannelCorrelations, Correlation, ResidualTests
 from ground.reports import appearance
-from ground.support.annotations import Document
+from ground.support.annotations import Array, Document
 from ground.support.errors import core_error
 from ground.support.quantities import quantity
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 CHANNELS = {"ahead": "X", "starboard": "Y", "heading": "N"}  # of the wrench, by channel of the residuals
+Channels = Mapping[str, missing_wrench.WrenchChannel]
 FORCES = {"X": "surge force", "Y": "side force", "N": "yaw moment"}
 
 
-def inspect(run: _core.RunData, model: _core.Model, label: str, role: str = "fit") -> Document:
-    """Errors of a model on a _core.RunData, correlations of the residuals and the missing wrench, as a
-    dictionary.
+@dataclass(frozen=True)
+class PredictionBand:
+    """Ends of a band about each piece of a predicted motion: x, y, psi, u, v, r (k, 6)."""
 
-    role: the run's role for the model, "fit" or "held_out". Raises GroundError when the model cannot be
-    simulated along the run.
-    """
+    level: float  # probability that it holds the measurement
+    low: List[Array]
+    high: List[Array]
+
+
+@dataclass(frozen=True)
+class SimulatedMotion:
+    """A run, and what a model makes of it."""
+
+    label: str  # the model's
+    run: _core.RunData
+    model: _core.Model
+    pieces: Sequence[Mapping[str, Array]]  # times (k,), eta and nu (k, 3) of each
+    errors: Mapping[str, float]  # mean error of u, v, r [standard deviations]
+    band: Optional[PredictionBand]
+
+
+@dataclass(frozen=True)
+class Inspection(SimulatedMotion):
+    """A model on one run: its errors, correlations of the residuals, and the missing wrench."""
+
+    role: str  # the run's role for the model: fit or held_out
+    evaluation: comparison.Evaluation
+    numbers: Document  # comparison.numbers
+    residuals: ResidualTests
+    missing: missing_wrench.MissingWrench
+    left_out: str  # spans that are left out of residuals and wrench, in words; may be empty
+    summary: List[str]  # what stands out, in sentences
+
+
+def inspect(run: _core.RunData, model: _core.Model, label: str, role: str = "fit") -> Inspection:
+    """The Inspection of a model on a run. GroundError when the model cannot be simulated along it."""
     try:
         evaluation = comparison.evaluate(run, model)
         calm = missing_wrench.undisturbed(model, run)
@@ -29,64 +61,67 @@ def inspect(run: _core.RunData, model: _core.Model, label: str, role: str = "fit
     except (ValueError, RuntimeError) as error:
         raise core_error(error, "%s with %s" % (run.name, label))
     numbers = comparison.numbers([evaluation])
-    left_out = _left_out(missing.numbers["disturbances"])
+    left_out = _left_out(missing.numbers.disturbances)
     said = [
         left_out,
-        _largest_missing(missing.numbers["channels"]),
-        _followed_input(correlation["channels"], residuals.commands(model)),
+        _largest_missing(missing.numbers.channels),
+        _followed_input(correlation.channels, residuals.commands(model)),
         _worst(numbers["error_by_channel"]),
     ]
-    return {
-        "label": label,
-        "run": run,
-        "model": model,
-        "role": role,
-        "evaluation": evaluation,
-        "numbers": numbers,
-        "residuals": correlation,
-        "missing": missing,
-        "left_out": left_out,
-        "summary": [sentence for sentence in said if sentence],
-    }
+    return Inspection(
+        label,
+        run,
+        model,
+        evaluation.pieces,
+        numbers["error_by_channel"],
+        None,
+        role,
+        evaluation,
+        numbers,
+        correlation,
+        missing,
+        left_out,
+        [sentence for sentence in said if sentence],
+    )
 
 
-def lacks(study: Document) -> str:
+def lacks(study: Inspection) -> str:
     """What the model of a study lacks: "nominal lacks a yaw moment of 0.7 mN m rms (18% of full thrust),
     which follows the command u_L-u_R"."""
-    channels = study["missing"].numbers["channels"]
+    channels = study.missing.numbers.channels
     name = _largest(channels)
-    if missing_wrench.is_negligible(channels[name]):
-        return "%s lacks no force: what is missing is smaller than its uncertainty" % study["label"]
-    told = "%s lacks a %s of %s" % (study["label"], FORCES[name], _size(channels[name]))
-    followed = _followed(study["residuals"]["channels"], residuals.commands(study["model"]))
+    if channels[name].is_negligible:
+        return "%s lacks no force: what is missing is smaller than its uncertainty" % study.label
+    told = "%s lacks a %s of %s" % (study.label, FORCES[name], _size(channels[name]))
+    followed = _followed(study.residuals.channels, residuals.commands(study.model))
     if followed and CHANNELS[followed.channel] == name:
         told += ", which follows the command %s%s" % (followed.command, followed.later)
     return told
 
 
-def _left_out(events: List[Document]) -> str:
-    spans = ", ".join("%.1f to %.1f" % (e["start"], e["end"]) for e in events)
+def _left_out(events: Sequence[missing_wrench.Disturbed]) -> str:
+    spans = ", ".join("%.1f to %.1f" % (e.start, e.end) for e in events)
     why = "left out of what follows, because no input explains the motion (contact, hand, wrong poses): %s s"
     return why % spans if spans else ""
 
 
-def _largest(channels: Document) -> str:
+def _largest(channels: Channels) -> str:
     """The channel with the largest missing wrench, relative to full thrust."""
-    return max(channels, key=lambda c: float(channels[c]["rms"] / channels[c]["full_scale"]))
+    return max(channels, key=lambda c: channels[c].rms / channels[c].full_scale)
 
 
-def _size(channel: Document) -> str:
-    ratio = channel["rms"] / channel["full_scale"]
+def _size(channel: missing_wrench.WrenchChannel) -> str:
+    ratio = channel.rms / channel.full_scale
     part = "%.0f%% of" % (100 * ratio) if ratio < 10 else "far above"
-    return "%s rms (%s full thrust)" % (quantity(channel["rms"], channel["unit"], 2), part)
+    return "%s rms (%s full thrust)" % (quantity(channel.rms, channel.unit, 2), part)
 
 
-def _largest_missing(channels: Document) -> str:
+def _largest_missing(channels: Channels) -> str:
     """The largest missing part of the wrench, in a sentence."""
     name = _largest(channels)
-    if missing_wrench.is_negligible(channels[name]):
+    if channels[name].is_negligible:
         return "the missing force and moment are smaller than their uncertainty"
-    mean = quantity(channels[name]["mean"], channels[name]["unit"], 2)
+    mean = quantity(channels[name].mean, channels[name].unit, 2)
     return "the largest missing part is the %s: %s, mean %s" % (FORCES[name], _size(channels[name]), mean)
 
 
@@ -103,23 +138,28 @@ class _Followed(NamedTuple):
         return " with a delay of %.0f ms" % self.late if self.late >= 1 else ""
 
 
-def _followed(channels: Document, commands: Mapping[str, str]) -> Optional[_Followed]:
+def _followed(
+    channels: Mapping[str, ChannelCorrelations], commands: Mapping[str, str]
+) -> Optional[_Followed]:
     """The command that the residuals follow most; None without one."""
     strongest, found = 0.0, None
     for channel, entry in channels.items():
         for kind, name in commands.items():
-            of = entry[kind]
-            if of is None or of["accepted"]:
+            of: Optional[Correlation] = getattr(entry, kind)
+            if of is None or of.accepted:
                 continue
-            after = [i for i, lag in enumerate(of["lag_seconds"]) if lag > -1e-9]
-            at = max(after, key=lambda i: float(abs(of["value"][i])))
-            value, late = of["value"][at], 1e3 * of["lag_seconds"][at]
-            if abs(value) > max(strongest, of["band99"][at]):
+            values = of.value
+            after = [i for i, lag in enumerate(of.lag_seconds) if lag > -1e-9]
+            at = max(after, key=lambda i: abs(values[i]))
+            value, late = values[at], 1e3 * of.lag_seconds[at]
+            if abs(value) > max(strongest, of.band99[at]):
                 strongest, found = abs(value), _Followed(channel, name, late, value)
     return found
 
 
-def _followed_input(channels: Document, commands: Mapping[str, str]) -> Optional[str]:
+def _followed_input(
+    channels: Mapping[str, ChannelCorrelations], commands: Mapping[str, str]
+) -> Optional[str]:
     """The same in a sentence."""
     found = _followed(channels, commands)
     if found is None:

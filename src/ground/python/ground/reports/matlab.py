@@ -1,7 +1,7 @@
 """Models, recordings and what models make of them, as the structs of a .mat file."""
 
 import re
-from typing import Any, List, Mapping, NamedTuple, Sequence
+from typing import Any, Dict, List, Mapping, NamedTuple, Sequence
 
 import numpy as np
 
@@ -11,8 +11,9 @@ from ground.effect_library.parameters import described
 from ground.models import Model
 from ground.poses import angles
 from ground.support import files
-from ground.support.annotations import Document, Path
+from ground.support.annotations import Path
 
+Struct = Dict[str, object]  # of a .mat file, by field
 ABOUT = (
     "SI units. eta: x, y [m], psi [rad], world_ned. nu: u, v [m/s], r [rad/s], body. t, eta, nu and "
     "inputs have a row for each sample of a run, commands one for each command: time [s] and inputs. "
@@ -57,11 +58,11 @@ def write(
             io.savemat(file, plain, long_field_names=True, do_compression=True, oned_as="column")
 
 
-def _model(label: str, model: Model) -> Document:
+def _model(label: str, model: Model) -> Struct:
     return {"label": label, "name": model.name, "effects": list(model.effects), "file": model.format()}
 
 
-def _parameters(label: str, model: Model) -> List[Document]:
+def _parameters(label: str, model: Model) -> List[Struct]:
     provenance = model.core.provenance
     return [
         {
@@ -77,7 +78,7 @@ def _parameters(label: str, model: Model) -> List[Document]:
     ]
 
 
-def _run(models: Mapping[str, Model], study: Study) -> Document:
+def _run(models: Mapping[str, Model], study: Study) -> Struct:
     run, channels = study.run, next(iter(models.values())).core.channels
     times, commands = np.array(run.times), np.array(run.inputs)
     at = np.searchsorted(commands[:, 0], times, side="right") - 1
@@ -94,7 +95,7 @@ def _run(models: Mapping[str, Model], study: Study) -> Document:
     }
 
 
-def _predicted(label: str, run: _core.RunData, found: comparison.Evaluation) -> Document:
+def _predicted(label: str, run: _core.RunData, found: comparison.Evaluation) -> Struct:
     """What a model makes of a run."""
     measured = np.column_stack([np.array(run.eta), np.array(run.nu)])
     simulated = np.full(measured.shape, np.nan)
@@ -102,7 +103,7 @@ def _predicted(label: str, run: _core.RunData, found: comparison.Evaluation) -> 
         simulated[piece["index"]] = np.column_stack([piece["eta"], piece["nu"]])
     residual = measured - simulated
     residual[:, 2] = angles.wrap(residual[:, 2])
-    numbers: Document = comparison.numbers([found])
+    numbers = comparison.numbers([found])
     return {
         "model": label,
         "eta": simulated[:, :3],

@@ -14,7 +14,7 @@ import jinja2
 
 from ground.reports import appearance, words
 from ground.support import files, origin
-from ground.support.annotations import Document
+from ground.support.annotations import Plotly
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
@@ -24,7 +24,7 @@ def write(path: str, template: str, title: str, color: str, force: bool = False,
     template shows. GroundError when the file exists and `force` is not set."""
     drawn: List[str] = []  # JSON of the figures
 
-    def add(figure: Document) -> str:
+    def add(figure: Plotly) -> str:
         """The name of a figure that is drawn."""
         drawn.append(json.dumps(figure, separators=(",", ":"), default=list))
         return "figure%d" % (len(drawn) - 1)
@@ -43,7 +43,7 @@ def write(path: str, template: str, title: str, color: str, force: bool = False,
     files.write_text(path, text, force)
 
 
-def write_figures(path: str, figures: Sequence[Document], force: bool = False) -> None:
+def write_figures(path: str, figures: Sequence[Plotly], force: bool = False) -> None:
     """Writes a page of figures only, one below the other. GroundError as from `write`."""
     name = os.path.basename(path)
     write(path, "reports/figures.html", name, appearance.LESS, force, drawn=figures)

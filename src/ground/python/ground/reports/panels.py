@@ -13,7 +13,7 @@ from typing import Any, Dict, List, Mapping, Sequence, Tuple, Union
 from plotly import io
 
 from ground.reports.appearance import LINES, TEXT
-from ground.support.annotations import Document
+from ground.support.annotations import Plotly
 
 MARGIN = 50  # above the panels [pixels]
 ICONS = 30  # height of plotly's icons, which are at the top of a figure [pixels]
@@ -38,8 +38,10 @@ class Panels:
         """widths, heights: relative sizes of columns and rows; gaps: between columns and between rows, as
         shares of the whole; tall: columns that are one panel; shared: "x" if a column has one x axis,
         "xy" if a row has one y axis as well; titles: of the panels."""
-        self.data: List[Document] = []
-        self.layout: Document = {"annotations": [], "shapes": []}
+        self.data: List[Plotly] = []
+        self.annotations: List[Plotly] = []
+        self.shapes: List[Plotly] = []
+        self.axes: Dict[str, Plotly] = {}
         self._numbers: Dict[Tuple[int, int], str] = {}
         across = _shares(widths or [1.0] * cols, gaps[0])
         down = _shares(heights or [1.0] * rows, gaps[1])
@@ -49,8 +51,8 @@ class Panels:
                 self._numbers[row, col] = number
                 last = rows if col in tall else row
                 ends = [1 - down[last - 1][1], 1 - down[row - 1][0]]
-                self.layout["xaxis" + number] = {"anchor": "y" + number, "domain": across[col - 1]}
-                self.layout["yaxis" + number] = {"anchor": "x" + number, "domain": ends}
+                self.axes["xaxis" + number] = {"anchor": "y" + number, "domain": across[col - 1]}
+                self.axes["yaxis" + number] = {"anchor": "x" + number, "domain": ends}
         for row, col in self._numbers:
             if "x" in shared and row < rows and col not in tall:
                 self.update_xaxes(row, col, matches="x" + self._numbers[rows, col], showticklabels=False)
@@ -59,7 +61,7 @@ class Panels:
         for title, (row, col) in zip(titles, self._numbers):
             self.note(title, 0.5, 1, row, col, yanchor="bottom", font={"size": 12})
 
-    def add(self, trace: Document, row: int = 1, col: int = 1) -> None:
+    def add(self, trace: Plotly, row: int = 1, col: int = 1) -> None:
         """Adds a trace to a panel."""
         number = self._numbers[row, col]
         self.data.append({**trace, "xaxis": "x" + number, "yaxis": "y" + number})
@@ -77,18 +79,18 @@ class Panels:
     ) -> None:
         """Adds a text. inside: x and y are shares of the panel, not values of its axes."""
         end = " domain" * inside
-        place: Document = {"x": x, "y": y, "xref": self.axis("x", col, row) + end}
+        place: Plotly = {"x": x, "y": y, "xref": self.axis("x", col, row) + end}
         place.update(yref=self.axis("y", col, row) + end, text=text, showarrow=False)
-        self.layout["annotations"].append({**place, **style})
+        self.annotations.append({**place, **style})
 
     def span(
         self, start: Union[float, str], end: Union[float, str], row: int = 1, col: int = 1, **style: Any
     ) -> None:
         """Adds a rectangle, or a line if start is end, from one value of x to another, such as a date."""
-        place: Document = {"x0": start, "x1": end, "y0": 0, "y1": 1, "xref": self.axis("x", col, row)}
+        place: Plotly = {"x0": start, "x1": end, "y0": 0, "y1": 1, "xref": self.axis("x", col, row)}
         place.update(yref=self.axis("y", col, row) + " domain", line={"width": 0})
         kind = "line" if start == end else "rect"
-        self.layout["shapes"].append({"type": kind, **place, **style})
+        self.shapes.append({"type": kind, **place, **style})
 
     def finish(
         self,
@@ -97,34 +99,39 @@ class Panels:
         margin: Mapping[str, int] = {},
         legend_y: float = 1.02,
         title: str = "",
-    ) -> Document:
+        **more: object,
+    ) -> Plotly:
         """The figure with its height [pixels], its caption and its title (in layout.meta), margins and
         legend, which is below the icons of plotly."""
-        entries = {trace["name"] for trace in self.data if trace.get("showlegend")}
+        entries = {str(trace["name"]) for trace in self.data if trace.get("showlegend")}
         if entries:
             rows = math.ceil(sum(ENTRY + LETTER * len(name) for name in entries) / NARROWEST)
-            more = ICONS + ROW * (rows - 1)
-            height += more
-            margin = {**margin, "t": margin.get("t", MARGIN) + more}
-        self.layout.update(
-            template=_template(),
-            height=height,
-            meta={"caption": caption, "title": title},
-            margin={"t": MARGIN, "b": 50, "l": 70, "r": 10, **margin},
-            legend={"orientation": "h", "y": legend_y, "yanchor": "bottom", "x": 0},
-        )
-        return {"data": self.data, "layout": self.layout}
+            added = ICONS + ROW * (rows - 1)
+            height += added
+            margin = {**margin, "t": margin.get("t", MARGIN) + added}
+        layout = {
+            "annotations": self.annotations,
+            "shapes": self.shapes,
+            **self.axes,
+            **more,
+            "template": _template(),
+            "height": height,
+            "meta": {"caption": caption, "title": title},
+            "margin": {"t": MARGIN, "b": 50, "l": 70, "r": 10, **margin},
+            "legend": {"orientation": "h", "y": legend_y, "yanchor": "bottom", "x": 0},
+        }
+        return {"data": self.data, "layout": layout}
 
     def axis(self, name: str, col: int, row: int = 1) -> str:
         """The name of an axis, "x" or "y", of a panel."""
         return name + self._numbers[row, col]
 
-    def _update(self, name: str, row: int, col: int, properties: Document) -> None:
+    def _update(self, name: str, row: int, col: int, properties: Plotly) -> None:
         if isinstance(properties.get("title"), str):
             properties["title"] = {"text": properties["title"]}
         for (its_row, its_col), number in self._numbers.items():
             if row in (0, its_row) and col in (0, its_col):
-                self.layout[name + number].update(properties)
+                self.axes[name + number].update(properties)
 
 
 def _shares(sizes: Sequence[float], gap: float) -> List[Tuple[float, float]]:
@@ -135,13 +142,14 @@ def _shares(sizes: Sequence[float], gap: float) -> List[Tuple[float, float]]:
 
 
 @functools.lru_cache(maxsize=None)
-def _template() -> Document:
+def _template() -> Plotly:
     """plotly's white template with the package's font, and short ticks, which keep the labels of both axes
     apart in the corner between them."""
-    template: Document = io.templates["plotly_white"].to_plotly_json()
+    template = io.templates["plotly_white"].to_plotly_json()
     template["layout"]["font"] = {"family": "system-ui, sans-serif", "size": 12, "color": TEXT}
     for axis in ("xaxis", "yaxis"):
         ticks = {"ticks": "outside", "ticklen": 4, "tickcolor": LINES}
         given = template["layout"][axis]
         given.update(ticks, title={**given.get("title", {}), "font": {"size": 11}})
-    return template
+    found: Plotly = template
+    return found

@@ -8,13 +8,13 @@ from ground.analysis.tracks import Track
 from ground.reports.appearance import MEASURED, MODELS, REFERENCE, thruster_line, transparent
 from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, note, points, walls
 from ground.reports.panels import Panels
-from ground.support.annotations import Document
+from ground.support.annotations import Plotly
 
 MIN_ERROR = 1e-7  # smallest error that is drawn [m]
 HEADINGS = 24  # number of arrows along a path
 
 
-def driven(run: Track, text: str, counts: Tuple[float, float], room: Optional[Any] = None) -> Document:
+def driven(run: Track, text: str, counts: Tuple[float, float], room: Optional[Any] = None) -> Plotly:
     """Path, error, inputs and computing times of a drive.
 
     text: the caption; counts: the span of time in which errors count [s]; room: the _core.RoomPlan

@@ -23,7 +23,8 @@ from ground.ledger import figures as history_figures
 from ground.ledger.result import History
 from ground.reading.recording import VELOCITY, Recording
 from ground.reports import figures, run_figures, tracking_figures, wrench_figures
-from ground.support.annotations import Document
+from ground.reports.inspection import Inspection, PredictionBand, SimulatedMotion
+from ground.support.annotations import Plotly
 from ground.support.errors import GroundError
 
 Makers = Dict[str, Callable[[], Any]]  # documents of plotly
@@ -116,19 +117,18 @@ def _of_recording(result: Recording) -> Makers:
 @_makers.register(Prediction)
 def _of_prediction(result: Prediction) -> Makers:
 
-    def motion() -> Document:
-        study = _study(result.run, result.model.core, result.model.label, result)
+    def motion() -> Plotly:
+        band, model = None, result.model
         sizes = np.abs(result.residuals[:, 3:]).mean(axis=0) / np.array(result.run.nu).std(axis=0)
-        study["numbers"] = {"error": sizes.sum(), "error_by_channel": dict(zip(VELOCITY, sizes))}
-        if result.low is not None and result.high is not None:
+        if result.band is not None and result.low is not None and result.high is not None:
             at = np.flatnonzero(np.diff(result.start)) + 1
-            ends = {"low": np.split(result.low, at), "high": np.split(result.high, at)}
-            study["band"] = {"level": result.band, **ends}
-        made = figures.motion([study])
+            band = PredictionBand(result.band, np.split(result.low, at), np.split(result.high, at))
         how = "again and again for %.3g s" if result.starts > 1 else "once, for %.3g s"
         shaded = "" if result.band is None else " Shaded: band of %.0f%%." % (100 * result.band)
-        made["layout"]["meta"] = "Predicted %s.%s %s" % (how % result.horizon, shaded, result)
-        return made
+        caption = "Predicted %s.%s %s" % (how % result.horizon, shaded, result)
+        errors = dict(zip(VELOCITY, sizes))
+        study = SimulatedMotion(model.label, result.run, model.core, result.pieces, errors, band)
+        return figures.motion([study], caption=caption)
 
     return {
         "motion": motion,
@@ -140,10 +140,11 @@ def _of_prediction(result: Prediction) -> Makers:
 def _of_fit(result: Fit) -> Makers:
     core, names = result.model.core, list(result.parameters)
 
-    def motion(run: _core.RunData) -> Document:
+    def motion(run: _core.RunData) -> Plotly:
         evaluated = comparison.evaluate(run, core)
-        study = _study(run, core, "the fitted model", evaluated)
-        return figures.motion([{**study, "numbers": comparison.numbers([evaluated])}])
+        errors = comparison.numbers([evaluated])["error_by_channel"]
+        study = SimulatedMotion("the fitted model", run, core, evaluated.pieces, errors, None)
+        return figures.motion([study])
 
     rows = [(run.run, run.parameters, run.ci95) for run in result.runs]
     values = {name: p.value for name, p in result.parameters.items()}
@@ -161,7 +162,7 @@ def _of_comparison(result: Comparison) -> Makers:
     made = _errors(comparing_page.predictions(result.ranking, result.prediction))
     for run in result.runs:
         if run.recording is not None:
-            made.update(_of_studies(run.name, functools.partial(getattr, run, "studies")))
+            made.update(_of_studies(run.name, functools.partial(getattr, run, "inspections")))
     return made
 
 
@@ -214,25 +215,20 @@ def _of_history(result: History) -> Makers:
     }
 
 
-def _errors(found: Optional[Document]) -> Makers:
+def _errors(found: Optional[Plotly]) -> Makers:
     """The figure of how far predicted poses are off, where runs are long enough."""
     return {} if found is None else {"errors": functools.partial(dict, found)}
 
 
-def _inspected(drawn: Drawn, number: int) -> List[Document]:
-    """Studies of a run of a diagnosis."""
+def _inspected(drawn: Drawn, number: int) -> List[Inspection]:
+    """Inspections of a run of a diagnosis."""
     return drawn.inspected([number])[0]
 
 
-def _of_studies(run: str, studies: Callable[[], List[Document]]) -> Makers:
+def _of_studies(run: str, studies: Callable[[], List[Inspection]]) -> Makers:
     """The figures of a run against models."""
     return {
         "motion " + run: lambda: figures.motion(studies()),
         "wrench " + run: lambda: wrench_figures.wrench_over_time(studies()),
         "residuals " + run: lambda: figures.residual_correlation(studies()),
     }
-
-
-def _study(run: _core.RunData, model: _core.Model, label: str, simulated: Any) -> Document:
-    """What ground.reports.figures.motion draws; simulated: has `pieces`."""
-    return {"run": run, "model": model, "label": label, "evaluation": simulated}

@@ -18,6 +18,7 @@ else:  # NumPy 1.17 of Ubuntu 20.04 has no types
 Random = np.random.Generator
 Path = Union[str, "os.PathLike[str]"]
 Document = Dict[str, Any]  # JSON values, and what functions of the compiled core return
+Plotly = Dict[str, object]  # a figure or a part of one, with the keys that plotly documents
 Setting = Union[float, bool, str]  # value of a parameter in the core's tables
 Message = Any  # a message of ROS, whose classes have no types
 Time = Any  # genpy.Time
