@@ -47,7 +47,6 @@ from ground.poses import time_scales
 from ground.reading.recording import Recording
 from ground.reports import inspection, result_folder
 from ground.support import command_line, workers
-from ground.support.annotations import Document
 from ground.support.errors import GroundError
 from ground.support.progress import Progress, Work
 from ground.support.results import distinct_labels
@@ -151,13 +150,13 @@ def _inspect(task: Sequence[Tuple[Any, ...]]) -> List[inspection.Inspection]:
 
 def _conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison:
     """The Comparison over all runs."""
-    pooled: Dict[str, Document] = {}
+    pooled = {}
     for label in models:
         of_model = _studies(runs, label)
-        groups = {role: [s.evaluation for s in of_model if s.role == role] for role in ROLES}
+        groups = {"all": of_model, **{role: [s for s in of_model if s.role == role] for role in ROLES}}
         pooled[label] = {
-            "all": comparison.numbers([s.evaluation for s in of_model]),
-            **{role: comparison.numbers(groups[role]) if groups[role] else None for role in ROLES},
+            name: comparison.numbers([s.evaluation for s in group]) if group else None
+            for name, group in groups.items()
         }
     held_out = [run for run in runs if all(s.role == "held_out" for s in run.inspections)]
     ranked = held_out or runs

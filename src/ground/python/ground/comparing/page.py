@@ -1,6 +1,6 @@
 """report.html of compare: the verdict first, then the evidence."""
 
-from typing import Mapping, Optional, Sequence
+from typing import Optional, Sequence
 
 from ground.analysis.horizon import PredictionError
 from ground.comparing.ranking import Ranking
@@ -15,7 +15,8 @@ def write(
     path: str,
     head: Sequence[Line],
     predictions: Optional[Plotly],
-    pooled: Mapping[str, Document],
+    labels: Sequence[str],
+    pooled: Sequence[Sequence[str]],
     inspected: Sequence[Sequence[Inspection]],
     described: Sequence[Document],
     inputs: Sequence[str] = (),
@@ -23,24 +24,19 @@ def write(
 ) -> None:
     """Writes the page of a comparison.
 
-    predictions: their figure; pooled: Comparison.pooled; inspected: for every run, the Inspection of each
-    model; described: findings.describe of all runs; inputs: files read.
+    predictions: their figure; labels: of the models; pooled: rows of their errors over all runs; inspected:
+    for every run, the Inspection of each model; described: findings.describe of all runs; inputs: files read.
     """
     page.write(
         path,
         "comparing/comparison.html",
-        "Comparison of " + ", ".join(pooled),
+        "Comparison of " + ", ".join(labels),
         appearance.MODELS[1],
         force,
-        models=list(pooled),
+        models=labels,
         head=[line for line in head if line[0] != "Details"],
         predictions=predictions,
-        pooled=[
-            appearance.numbers_row(label, role, numbers)
-            for label, groups in pooled.items()
-            for role, numbers in groups.items()
-            if role != "all" and numbers
-        ],
+        pooled=pooled,
         runs=studies.shown(inspected, described),
         described=studies.quality(described),
         inputs=inputs,

@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -62,8 +62,8 @@ class ComparedModel:
     label: str
     role: str  #: fit or held_out
     numbers: Document  #: error numbers (comparison.numbers)
-    residuals: Document
-    wrench: Document  #: numbers of the missing wrench
+    residuals: Dict[str, object]
+    wrench: Dict[str, object]  #: numbers of the missing wrench
     summary: List[str]  #: what stands out, in sentences
 
     @classmethod
@@ -71,6 +71,20 @@ class ComparedModel:
         """The numbers of an Inspection."""
         correlations, wrench = (records.plain(found) for found in (one.residuals, one.missing.numbers))
         return cls(one.label, one.role, one.numbers, correlations, wrench, one.summary)
+
+    @classmethod
+    def read(
+        cls,
+        label: str,
+        role: str,
+        residuals: Dict[str, object],
+        wrench: Dict[str, object],
+        summary: List[str],
+        files: object,
+        **numbers: Any,
+    ) -> "ComparedModel":
+        """Of the values in compare.json."""
+        return cls(label, role, numbers, residuals, wrench, summary)
 
 
 @dataclass(frozen=True, repr=False)
@@ -173,9 +187,12 @@ class Comparison(_Frame, Plotted):
 
     def table(self) -> Iterator[str]:
         """Errors of the models over all runs."""
-        yield from _table(
-            [(label, role, of[role]) for label, of in self.pooled.items() for role in ROLES if of[role]]
-        )
+        yield from _table(self._pooled)
+
+    @property
+    def _pooled(self) -> List[Tuple[str, str, Any]]:
+        """Label, role and error numbers over all runs of the role."""
+        return [(label, role, of[role]) for label, of in self.pooled.items() for role in ROLES if of[role]]
 
     def details(self) -> Iterator[str]:
         """Errors of the models on each run, and what stands out."""
@@ -212,7 +229,15 @@ class Comparison(_Frame, Plotted):
             label: replace(Model.parse(m["text"], label), path=m["file"] or "")
             for label, m in document["models"].items()
         }
-        runs = [_run_of(run) for run in document["runs"]]
+        runs = [
+            RunComparison(
+                run["name"],
+                run["bag"],
+                [ComparedModel.read(label, **values) for label, values in run["models"].items()],
+                None,
+            )
+            for run in document["runs"]
+        ]
         ranking = records.read(Ranking, document["ranking"], "ranking")
         found = document["prediction"]
         off = found and records.read(PredictionError, found, "prediction")
@@ -266,30 +291,14 @@ class Comparison(_Frame, Plotted):
                 report_file,
                 self.headline(report_file),
                 report.predictions(self.ranking, self.prediction),
-                self.pooled,
+                list(self.models),
+                [appearance.numbers_row(*row) for row in self._pooled],
                 [run.inspections for run in self.runs],
                 findings.describe([repaired(recording) for recording in recordings]),
                 [path for path in inputs if path],
                 force,
             )
         return report_file
-
-
-NUMBERS = ("role", "residuals", "wrench", "files", "summary")  # what is no error number of a model
-
-
-def _run_of(document: Document) -> RunComparison:
-    """A run of compare.json."""
-    models = [
-        ComparedModel(
-            label,
-            found["role"],
-            {name: value for name, value in found.items() if name not in NUMBERS},
-            *(found[name] for name in ("residuals", "wrench", "summary")),
-        )
-        for label, found in document["models"].items()
-    ]
-    return RunComparison(document["name"], document["bag"], models, None)
 
 
 def prepare(folder: str, force: bool) -> Sequence[str]:
