@@ -19,8 +19,11 @@ import numpy as np
 import ground
 from ground import _core
 from ground.analysis import agreement, bands, between_runs, distributions, likelihood, window_error, windows
-from ground.comparing import compare
-from ground.fitting import fit, priors, thrust_bench
+from ground.comparing.ranking import equally_good
+from ground.fitting import bench_forces, fit, priors, thrust_bench
+from ground.fitting.bench_logs import BenchFormat
+from ground.fitting.identifiability import WindowEstimates
+from ground.models import Parameter
 from ground.poses import repair
 from shares import interval
 
@@ -80,7 +83,7 @@ def ranking(random):
         common = random.gamma(4.0, 0.25, 60)
         by_window = {str(i): common + random.gamma(1.0, 0.3, 60) for i in range(count)}
         order = sorted(by_window, key=lambda label: by_window[label].mean())
-        equal = compare.equally_good(order, by_window, np.repeat(range(3), 20))
+        equal = equally_good(order, by_window, np.repeat(range(3), 20))
         yield "ranking of %d" % count, [len(equal) < count - 1]
 
 
@@ -99,16 +102,16 @@ def disagreement(random, runs=20, blocks=12):
     """Estimates of five parameters by runs, and by all others."""
     found = []
     for _ in range(runs):
-        documents = []
+        pair = []
         for freedom, size in ((blocks - 5, 1.0), (blocks * (runs - 1) - 5, 1 / np.sqrt(runs - 1))):
             seen = size * np.sqrt(random.chisquare(freedom, 5) / freedom)
             values = size * random.normal(size=5)
-            parameters = [
-                {"name": str(i), "value": v, "deviation": d, "identified": True}
+            parameters = {
+                str(i): Parameter(str(i), "", v, v, (v - 2 * d, v + 2 * d), d, False, True)
                 for i, (v, d) in enumerate(zip(values, seen))
-            ]
-            documents.append({"parameters": parameters, "freedom": freedom})
-        found += fit.disagreements(*documents, fit.LEVEL / runs)
+            }
+            pair.append(WindowEstimates(None, parameters, np.eye(5), freedom))
+        found += fit.disagreements(*pair, fit.LEVEL / runs)
     yield "disagree of %d" % runs, [bool(found)]
 
 
@@ -130,7 +133,7 @@ def thrust(random):
             for level in np.linspace(0.1, 1, 10):
                 forces = 0.1 * level**1.5 + 1e-3 * random.normal(size=6)
                 file.write(",".join("%.9g" % value for value in (level, *forces)) + "\n")
-        found = thrust_bench.fit(thrust_bench.read(path, ["left", "right"]), ["left", "right"])
+        found = thrust_bench.fit(bench_forces.read([path], BenchFormat(["left", "right"])), ["left", "right"])
     low, high = found.intervals["k"]
     yield "gains", [found.p_value < 0.05]
     yield "thrust", [low < 0.1 < high]

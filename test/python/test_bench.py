@@ -9,7 +9,8 @@ import pytest
 import ground
 from conftest import MODEL, ROOT, SHARED, identify, json_of, slow, succeeds
 from ground import _core
-from ground.fitting import thrust_bench
+from ground.fitting import bench_forces, thrust_bench
+from ground.fitting.bench_logs import BenchFormat
 
 LEVELS = np.linspace(0, 1, 11)
 PAIR = ["left", "right"]
@@ -84,17 +85,6 @@ def test_a_bad_table_is_refused_with_its_line(tmp_path, text, message):
     assert not (tmp_path / "thrust.yaml").exists()
 
 
-def test_a_draft_has_a_cell_for_every_held_level(tmp_path):
-    single = [(0, 0), (0.2, 0), (0, 0), (0.7, 0), (0, 0), (0, 0.2), (0, 0), (0, 0.7)]
-    assert thrust_bench.draft(single) == "input,left,right\n0.2,,\n0.7,,\n"
-    assert thrust_bench.draft([(0.5, 0.5), (0, 0), (1, 1)]) == "input,both\n0.5,\n1,\n"
-    twice = thrust_bench.draft(2 * single[:4])
-    assert twice == "input,left_1,left_2\n0.2,,\n0.7,,\n"
-    path = tmp_path / "bench.csv"
-    path.write_text(twice.replace("0.2,,", "0.2,0.02,0.02").replace("0.7,,", "0.7,0.07,0.07"))
-    assert thrust_bench.fit(thrust_bench.read(path, PAIR), PAIR).values["k"] == pytest.approx(0.1)
-
-
 @pytest.mark.parametrize("repeat", [1, 3])
 @pytest.mark.parametrize(
     "kind, force",
@@ -109,7 +99,7 @@ def test_the_curve_is_the_simplest_that_fits(tmp_path, monkeypatch, kind, force,
     found = []
     for seed in range(10):
         path = table(tmp_path / "bench.csv", lambda side, w: force(w), ["left"], repeat=repeat, seed=seed)
-        fit = thrust_bench.fit(thrust_bench.read(str(path), PAIR), PAIR)
+        fit = thrust_bench.fit(bench_forces.read([str(path)], BenchFormat(PAIR)), PAIR)
         found.append(fit.curve.kind)
         w = np.linspace(0.02, 1, 50)
         assert np.abs(fit.curve.force(w) - force(w)).max() < 0.004
@@ -124,7 +114,7 @@ def test_a_repetition_that_is_off_widens_the_interval(tmp_path):
     rows = ["%g,%s" % (w, ",".join("%g" % (0.1 * w * d) for d in drift.values())) for w in LEVELS]
     path = tmp_path / "bench.csv"
     path.write_text("\n".join(["input," + ",".join(drift)] + rows) + "\n")
-    low, high = thrust_bench.fit(thrust_bench.read(str(path), PAIR), PAIR).intervals["k"]
+    low, high = thrust_bench.fit(bench_forces.read([str(path)], BenchFormat(PAIR)), PAIR).intervals["k"]
     # of a mean of three with a standard deviation of 5%
     assert high - low == pytest.approx(2 * 4.3 * 0.1 * 0.05 / 3**0.5, rel=0.02)
 
@@ -228,8 +218,6 @@ def test_a_row_that_was_computed_is_left_out_and_named(tmp_path):
 
 
 def test_measured_rows_are_never_taken_for_computed_ones(tmp_path):
-    from ground.fitting import bench_copies
-
     random = np.random.default_rng(2)
     columns = [(1.0, 0.0)] * 3 + [(0.0, 1.0)] * 3
     for _ in range(200):
@@ -237,7 +225,7 @@ def test_measured_rows_are_never_taken_for_computed_ones(tmp_path):
             (line, [level, *(round(50 * level * (1 + 0.005 * random.normal()), 1) for _ in columns)])
             for line, level in enumerate((0.25, 0.5, 0.75, 1.0))
         ]
-        assert bench_copies.without_copies("bench.csv", rows, columns) == (rows, [])
+        assert bench_forces.without_copies("bench.csv", rows, columns) == (rows, [])
 
 
 def log(
@@ -372,9 +360,10 @@ def test_intervals_of_positive_quantities_stay_positive():
     """Not even a thrust that motion hardly determines may be negative."""
     from ground.fitting import bench_motion
 
-    k, bench = (0.06, -0.01, 0.2), (0.05, 0.045, 0.055)
+    k, bench = bench_motion.WithInterval(0.06, -0.01, 0.2), bench_motion.WithInterval(0.05, 0.045, 0.055)
     motion = bench_motion.MassByMotion(k, k, k, (0.06, 1e-4), bench, None, 1.0, True)
     value, low, high = motion.ratio
     assert value == pytest.approx(1.2) and low == 0 and high > 0.2 / 0.055
-    sure = bench_motion.MassByMotion((0.06, 0.057, 0.063), k, k, (0.06, 1e-4), bench, None, 1.0, True).ratio
+    sure = bench_motion.WithInterval(0.06, 0.057, 0.063)
+    sure = bench_motion.MassByMotion(sure, k, k, (0.06, 1e-4), bench, None, 1.0, True).ratio
     assert sure[0] - sure[1] == pytest.approx(1.2 * math.hypot(0.05, 0.1), rel=0.1)

@@ -226,3 +226,23 @@ def test_a_saved_diagnosis_may_have_a_value_that_is_infinite(report):
     tau = found["candidates"][0]["parameters"]["tau"]
     tau.update(value=None, ci95=[1.0, None])
     assert "tau inf s (95%: 1.000 to inf s)" in "\n".join(words.evidence(typed(found)))
+
+
+def test_shares_do_not_say_that_all_is_explained_where_something_is_left(report):
+    from ground.diagnosing import words
+
+    found = copy.deepcopy(report)
+    found["agreement"]["holds"] = False
+    for name, share in (("named", 0.9972), ("learnable", 0.0021), ("chance", 0.0007)):
+        found["ceiling"][name] = {"share": share, "ci95": [share - 1e-4, share + 1e-4]}
+    text = words.ceiling(typed(found))
+    assert "100%" not in text and not re.search(r"(?<!\d)0%", text) and "more may be missing" in text
+
+
+def test_runs_too_short_to_predict_are_not_called_well_predicted():
+    from ground.comparing import words
+    from ground.comparing.ranking import Ranking
+
+    ranking = Ranking("held_out", ["run"], {"a": 0.1}, [], [])
+    found = dict(words.lines(ranking, None, "a.yaml"))
+    assert "long enough" in found["Next"] and "mocap" not in found["Next"]

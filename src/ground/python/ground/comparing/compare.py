@@ -36,9 +36,9 @@ from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 import numpy as np
 
 from ground.analysis import comparison, horizon
-from ground.analysis.distributions import mean_not_above_zero, pieces_of
 from ground.analysis.window_error import noise_floor
-from ground.comparing.result import ROLES, ComparedModel, Comparison, Ranking, RunComparison, prepare
+from ground.comparing.ranking import Ranking, equally_good
+from ground.comparing.result import ROLES, ComparedModel, Comparison, RunComparison, prepare
 from ground.data import bag_arguments
 from ground.data.measured import Part, note_differences, note_suspicions, repaired
 from ground.data.read import NO_RECORDING, Recordings, taken
@@ -47,13 +47,11 @@ from ground.poses import time_scales
 from ground.reading.recording import Recording
 from ground.reports import inspection, result_folder
 from ground.support import command_line, workers
-from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import GroundError
 from ground.support.progress import Progress, Work
 from ground.support.results import distinct_labels
 
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
-CHANCE = 0.05  # probability that any of equally good models is reported to differ from the best
 Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
 
 
@@ -152,23 +150,23 @@ def _inspect(task: Sequence[Tuple[Any, ...]]) -> List[inspection.Inspection]:
 
 def _conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison:
     """The Comparison over all runs."""
-    pooled: Dict[str, Document] = {}
+    pooled = {}
     for label in models:
         of_model = _studies(runs, label)
-        groups = {role: [s.evaluation for s in of_model if s.role == role] for role in ROLES}
+        groups = {"all": of_model, **{role: [s for s in of_model if s.role == role] for role in ROLES}}
         pooled[label] = {
-            "all": comparison.numbers([s.evaluation for s in of_model]),
-            **{role: comparison.numbers(groups[role]) if groups[role] else None for role in ROLES},
+            name: comparison.numbers([s.evaluation for s in group]) if group else None
+            for name, group in groups.items()
         }
     held_out = [run for run in runs if all(s.role == "held_out" for s in run.inspections)]
     ranked = held_out or runs
     ranking = _ranking(list(models), ranked)
-    best = next(iter(ranking.errors))
-    data = [s.run for s in _studies(ranked, best)]
-    floor = float(noise_floor(data, models[best].core).sum())
-    seconds = horizon.horizon(data, models[best].core)
+    best = models[ranking.best].core
+    data = [s.run for s in _studies(ranked, ranking.best)]
+    floor = float(noise_floor(data, best).sum())
+    seconds = horizon.horizon(data, best)
     each = {label: horizon.same(model.core) for label, model in models.items()}
-    prediction = horizon.prediction_error(data, seconds, each, models[best].core)
+    prediction = horizon.prediction_error(data, seconds, each, best)
     for label in models:  # over all starts, as the tables have it
         for row in comparison.numbers([s.evaluation for s in _studies(ranked, label)])["horizons"]:
             if prediction and row["seconds"] == seconds and row["starts"]:
@@ -201,16 +199,6 @@ def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
     )
 
 
-def equally_good(order: Sequence[str], by_window: Mapping[str, Array], run_of: Indices) -> List[str]:
-    """Models that are not significantly worse than the first one. order: labels, the least error first;
-    by_window: errors (n,) in windows; run_of: (n,) their runs. The first one was chosen on them, so that any
-    pair may be compared, either way round, and all share the level (Bonferroni)."""
-    pieces = pieces_of(run_of)
-    best, *others = ((label, np.array([by_window[label][p].mean() for p in pieces])) for label in order)
-    level = CHANCE / max(1, len(order) * len(others))
-    return [label for label, errors in others if mean_not_above_zero(errors - best[1]) > level]
-
-
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify compare."""
     bag_arguments.add_bag_arguments(parser)
@@ -224,7 +212,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--numbers", action="store_true", help="compare.json and CSV only: no page")
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify compare; returns what --json prints."""
     command_line.check_mat(arguments)
     models = labelled(arguments.model)
@@ -238,5 +226,4 @@ def run(arguments: argparse.Namespace) -> Document:
     command_line.say_result(arguments, found, place)
     command_line.write_mat(arguments, found)
     with open(numbers) as file:
-        result: Document = json.load(file)
-    return result
+        return dict(json.load(file))

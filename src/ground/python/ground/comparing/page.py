@@ -3,17 +3,20 @@
 from typing import Optional, Sequence
 
 from ground.analysis.horizon import PredictionError
-from ground.comparing import words
+from ground.comparing.ranking import Ranking
 from ground.reports import appearance, figures, page, studies
 from ground.reports.inspection import Inspection
 from ground.reports.words import off
-from ground.support import records
 from ground.support.annotations import Document, Plotly
+from ground.support.headline import Line
 
 
 def write(
     path: str,
-    result: Document,
+    head: Sequence[Line],
+    predictions: Optional[Plotly],
+    labels: Sequence[str],
+    pooled: Sequence[Sequence[str]],
     inspected: Sequence[Sequence[Inspection]],
     described: Sequence[Document],
     inputs: Sequence[str] = (),
@@ -21,37 +24,30 @@ def write(
 ) -> None:
     """Writes the page of a comparison.
 
-    result: contents of compare.json; inspected: for every run, the Inspection of each model;
-    described: findings.describe of all runs; inputs: files read.
+    predictions: their figure; labels: of the models; pooled: rows of their errors over all runs; inspected:
+    for every run, the Inspection of each model; described: findings.describe of all runs; inputs: files read.
     """
-    pooled = result["pooled"]
     page.write(
         path,
         "comparing/comparison.html",
-        "Comparison of " + ", ".join(result["models"]),
+        "Comparison of " + ", ".join(labels),
         appearance.MODELS[1],
         force,
-        result=result,
-        head=[line for line in words.lines(result, path) if line[0] != "Details"],
-        predictions=predictions(result),
-        pooled=[
-            appearance.numbers_row(label, role, numbers)
-            for label, groups in pooled.items()
-            for role, numbers in groups.items()
-            if role != "all" and numbers
-        ],
+        models=labels,
+        head=[line for line in head if line[0] != "Details"],
+        predictions=predictions,
+        pooled=pooled,
         runs=studies.shown(inspected, described),
         described=studies.quality(described),
         inputs=inputs,
     )
 
 
-def predictions(result: Document) -> Optional[Plotly]:
+def predictions(ranking: Ranking, found: Optional[PredictionError]) -> Optional[Plotly]:
     """Bars of how far predicted poses are off, the best model last; None where runs are too short."""
-    if result["prediction"] is None:
+    if found is None:
         return None
-    found = records.read(PredictionError, result["prediction"], "prediction")
-    labels = list(reversed(result["ranking"]["errors"]))
-    told = off(found.errors[labels[-1]]), labels[-1], off(found.mocap)
+    labels = list(reversed(list(ranking.errors)))
+    told = off(found.errors[ranking.best]), ranking.best, off(found.mocap)
     title = "Predictions are off by %s with %s; the mocap alone leaves %s" % told
-    return figures.predictions(found, list(zip(labels, labels)), title, result["ranking"]["fitted"])
+    return figures.predictions(found, list(zip(labels, labels)), title, ranking.fitted)

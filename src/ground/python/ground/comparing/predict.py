@@ -1,7 +1,7 @@
 """predict: a model's prediction of a run, sample by sample."""
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from ground.reading.recording import (
 )
 from ground.reports.words import after, off
 from ground.support import command_line
-from ground.support.annotations import Array, Document, Indices
+from ground.support.annotations import Array, Indices
 from ground.support.errors import GroundError, warn
 from ground.support.headline import Line
 from ground.support.results import Plotted, Shown, with_units
@@ -87,7 +87,7 @@ class Prediction(Shown, Plotted):
         return np.asarray((np.abs(self.residuals) <= (self.high - self.low) / 2).mean(axis=0))
 
     @property
-    def pieces(self) -> List[Document]:
+    def pieces(self) -> List[Dict[str, Array]]:
         """The prediction from each start: times (k,) [s], eta (k, 3) poses, nu (k, 3) velocities."""
         parts = np.split(np.arange(len(self.times)), np.flatnonzero(np.diff(self.start)) + 1)
         return [
@@ -110,18 +110,14 @@ class Prediction(Shown, Plotted):
         named = {name: unit(name) for name in frame}
         return with_units(frame, {**named, "ahead": "s"})
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """The errors as plain values."""
         names = ("horizon", "position_mm", "heading_deg", "noise_mm", "noise_deg", "starts")
-        told: Document = {
-            "run": self.name,
-            "model": self.model.label,
-            **{name: getattr(self, name) for name in names},
-        }
-        held = self.held
-        return (
-            told if held is None else {**told, "band": self.band, "held": dict(zip(COLUMNS, held.tolist()))}
-        )
+        told: Dict[str, object] = {"run": self.name, "model": self.model.label}
+        told.update((name, getattr(self, name)) for name in names)
+        if self.held is not None:
+            told.update(band=self.band, held=dict(zip(COLUMNS, self.held.tolist())))
+        return told
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: how far it is off at the horizon, and what the mocap leaves."""

@@ -1,15 +1,16 @@
 """A comparison: its numbers, its lines of text, and the folder in which it is kept."""
 
 import os
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.analysis.horizon import PredictionError, as_document
+from ground.analysis.horizon import PredictionError
 from ground.checks import findings
 from ground.checks.quality import repaired
 from ground.comparing import words
+from ground.comparing.ranking import Ranking
 from ground.models import Model
 from ground.reading.recording import VELOCITY, Recording
 from ground.reports import appearance, matlab, result_folder
@@ -61,8 +62,8 @@ class ComparedModel:
     label: str
     role: str  #: fit or held_out
     numbers: Document  #: error numbers (comparison.numbers)
-    residuals: Document
-    wrench: Document  #: numbers of the missing wrench
+    residuals: Dict[str, object]
+    wrench: Dict[str, object]  #: numbers of the missing wrench
     summary: List[str]  #: what stands out, in sentences
 
     @classmethod
@@ -70,6 +71,20 @@ class ComparedModel:
         """The numbers of an Inspection."""
         correlations, wrench = (records.plain(found) for found in (one.residuals, one.missing.numbers))
         return cls(one.label, one.role, one.numbers, correlations, wrench, one.summary)
+
+    @classmethod
+    def read(
+        cls,
+        label: str,
+        role: str,
+        residuals: Dict[str, object],
+        wrench: Dict[str, object],
+        summary: List[str],
+        files: object,
+        **numbers: Any,
+    ) -> "ComparedModel":
+        """Of the values in compare.json."""
+        return cls(label, role, numbers, residuals, wrench, summary)
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,7 +121,7 @@ class RunComparison(_Frame):
         """Sentences on what stands out, by model."""
         return {one.label: one.summary for one in self.models}
 
-    def to_dict(self, files: Optional[Files] = None) -> Document:
+    def to_dict(self, files: Optional[Files] = None) -> Dict[str, object]:
         """Plain values, as compare.json has them; files: the run's files."""
         return {
             "name": self.name,
@@ -138,20 +153,6 @@ class RunComparison(_Frame):
                 yield "  %s: %s" % (one.label, sentence)
 
 
-@dataclass(frozen=True)
-class Ranking:
-    """Models by their error, the least first. It says which one predicts best only where no model was
-    fitted to the runs."""
-
-    role: str  #: "held_out": no model was fitted to the runs; "fit": one was
-    runs: List[str]  #: all that no model was fitted to; where there are none, all runs
-    errors: Dict[str, float]  #: by label, over these runs
-    fitted: List[str]  #: labels of models that were fitted to any of them
-    equal: List[
-        str
-    ]  #: labels of models whose errors differ from the least one by no more than chance explains
-
-
 @dataclass(frozen=True, repr=False)
 class Comparison(_Frame, Plotted):
     """Models against recordings.
@@ -173,7 +174,7 @@ class Comparison(_Frame, Plotted):
     @property
     def best(self) -> str:
         """Label of the model with the least error; `ranking` says whether it was fitted to the runs."""
-        return next(iter(self.ranking.errors))
+        return self.ranking.best
 
     def rows(self) -> Iterator[Sequence[Any]]:
         """Run, model, role and numbers."""
@@ -182,20 +183,23 @@ class Comparison(_Frame, Plotted):
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: which model predicts best, by how much, and what to do next."""
-        return words.lines(self.to_dict(), written)
+        return words.lines(self.ranking, self.prediction, self.models[self.best].path, written)
 
     def table(self) -> Iterator[str]:
         """Errors of the models over all runs."""
-        yield from _table(
-            [(label, role, of[role]) for label, of in self.pooled.items() for role in ROLES if of[role]]
-        )
+        yield from _table(self._pooled)
+
+    @property
+    def _pooled(self) -> List[Tuple[str, str, Any]]:
+        """Label, role and error numbers over all runs of the role."""
+        return [(label, role, of[role]) for label, of in self.pooled.items() for role in ROLES if of[role]]
 
     def details(self) -> Iterator[str]:
         """Errors of the models on each run, and what stands out."""
         for run in self.runs:
             yield from run.table()
 
-    def to_dict(self, files: Optional[Sequence[Optional[Files]]] = None) -> Document:
+    def to_dict(self, files: Optional[Sequence[Optional[Files]]] = None) -> Dict[str, object]:
         """Plain values, as compare.json has them; files: the files of each run."""
         named: List[Optional[Files]] = [None] * len(self.runs)
         return {
@@ -211,9 +215,9 @@ class Comparison(_Frame, Plotted):
             },
             "runs": [run.to_dict(of_run) for run, of_run in zip(self.runs, files or named)],
             "pooled": self.pooled,
-            "ranking": asdict(self.ranking),
+            "ranking": records.plain(self.ranking),
             "noise_floor": self.noise_floor,
-            "prediction": as_document(self.prediction),
+            "prediction": records.plain(self.prediction),
         }
 
     @classmethod
@@ -225,8 +229,16 @@ class Comparison(_Frame, Plotted):
             label: replace(Model.parse(m["text"], label), path=m["file"] or "")
             for label, m in document["models"].items()
         }
-        runs = [_run_of(run) for run in document["runs"]]
-        ranking = Ranking(**document["ranking"])
+        runs = [
+            RunComparison(
+                run["name"],
+                run["bag"],
+                [ComparedModel.read(label, **values) for label, values in run["models"].items()],
+                None,
+            )
+            for run in document["runs"]
+        ]
+        ranking = records.read(Ranking, document["ranking"], "ranking")
         found = document["prediction"]
         off = found and records.read(PredictionError, found, "prediction")
         return cls(models, runs, document["pooled"], ranking, document["noise_floor"], off)
@@ -260,7 +272,6 @@ class Comparison(_Frame, Plotted):
             for run in runs
         ]
         stale = ("report.html", "*.wrench.*.csv") if result_folder.is_of(numbers, SCHEMA) else ()
-        result = self.to_dict(named)
         with result_folder.replaced(place, stale, force) as new:
             for run_of, own in zip(self.runs, named):
                 for one in run_of.inspections:
@@ -268,7 +279,7 @@ class Comparison(_Frame, Plotted):
                     missing = one.missing
                     rows = np.column_stack([missing.times, missing.wrench, missing.sigma])
                     files.write_csv(path, WRENCH, rows)
-            files.write_json(os.path.join(new, "compare.json"), result)
+            files.write_json(os.path.join(new, "compare.json"), self.to_dict(named))
         if not page:
             return numbers
         from ground.comparing import page as report
@@ -278,30 +289,16 @@ class Comparison(_Frame, Plotted):
         with result_folder.page(report_file, numbers):
             report.write(
                 report_file,
-                result,
+                self.headline(report_file),
+                report.predictions(self.ranking, self.prediction),
+                list(self.models),
+                [appearance.numbers_row(*row) for row in self._pooled],
                 [run.inspections for run in self.runs],
                 findings.describe([repaired(recording) for recording in recordings]),
                 [path for path in inputs if path],
                 force,
             )
         return report_file
-
-
-NUMBERS = ("role", "residuals", "wrench", "files", "summary")  # what is no error number of a model
-
-
-def _run_of(document: Document) -> RunComparison:
-    """A run of compare.json."""
-    models = [
-        ComparedModel(
-            label,
-            found["role"],
-            {name: value for name, value in found.items() if name not in NUMBERS},
-            *(found[name] for name in ("residuals", "wrench", "summary")),
-        )
-        for label, found in document["models"].items()
-    ]
-    return RunComparison(document["name"], document["bag"], models, None)
 
 
 def prepare(folder: str, force: bool) -> Sequence[str]:

@@ -2,13 +2,12 @@
 
 import argparse
 import os
-from typing import TYPE_CHECKING, List, Union
+from typing import TYPE_CHECKING, Dict, List, Union
 
 from ground.data import bag_arguments
 from ground.equations import written
 from ground.models import Model, ModelLike
 from ground.support import command_line
-from ground.support.annotations import Document
 from ground.support.errors import GroundError
 from ground.support.public import public
 
@@ -46,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite what exists")
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify export; returns what --json prints."""
     if bool(arguments.mcap) == bool(arguments.output):
         arguments.refuse("a model takes -o FILE, a run takes --mcap FILE")

@@ -17,7 +17,7 @@ from ground.models import Model, ModelLike, Room
 from ground.poses import repair
 from ground.reading.recording import Recording
 from ground.support import files
-from ground.support.annotations import Array, Document, Indices, Path
+from ground.support.annotations import Array, Indices, Path
 from ground.support.errors import GroundError
 from ground.support.headline import Line
 from ground.support.results import Shown, distinct_labels
@@ -63,7 +63,7 @@ class ExportedRun(Shown):
 
         return pandas.DataFrame({"messages": self.counts}).rename_axis("channel")
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """Plain values, as `identify export --json` prints them."""
         names = ("path", "name", "duration", "models", "horizon", "counts")
         return {name: getattr(self, name) for name in names}

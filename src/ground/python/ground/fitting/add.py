@@ -28,7 +28,7 @@ from ground.models import (
 )
 from ground.reports import effect_words, words
 from ground.support import command_line
-from ground.support.annotations import Array, Document, Path
+from ground.support.annotations import Array, Path
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
 from ground.support.results import Shown
@@ -74,7 +74,7 @@ class Addition(Shown, Estimated):
     window: float  #: length of the windows of the error [s]
     verdict: Verdict
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """Plain values, as `identify add --json` prints them."""
         return {
             "effect": self.effect,
@@ -291,6 +291,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = "effects of the library: " + ", ".join(candidates.effects())
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify add; returns what --json prints."""
     return bag_arguments.run_fit(arguments, add, AddOptions, arguments.effect)

@@ -3,7 +3,7 @@
 import argparse
 import os
 from dataclasses import asdict
-from typing import Any, Dict, Iterator, List, Sequence, Tuple
+from typing import Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 import yaml
@@ -11,11 +11,12 @@ import yaml
 from ground import _core
 from ground.data import bag_arguments
 from ground.effect_library import candidates
-from ground.fitting import bench_logs, bench_motion, thrust_bench
+from ground.fitting import bench_forces, bench_logs, bench_motion, thrust_bench
+from ground.fitting.bench_logs import BenchFormat
+from ground.fitting.bench_motion import WithInterval
 from ground.fitting.fit import fit
 from ground.models import Model, with_provenance
 from ground.support import command_line, files
-from ground.support.annotations import Document
 from ground.support.errors import GroundError, warn
 from ground.support.headline import Line, formatted
 from ground.support.origin import digest_of_files
@@ -79,7 +80,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_details(parser)
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     off, full = arguments.inputs
@@ -87,9 +88,8 @@ def run(arguments: argparse.Namespace) -> Document:
         arguments.refuse("--inputs needs two different numbers")
     model = Model.load(arguments.model).core
     names = [one["name"] for one in model.thrusters]
-    measured = thrust_bench.read_files(
-        arguments.tables, names, off, full, arguments.unit, arguments.thrusters, arguments.log_columns
-    )
+    form = BenchFormat(names, off, full, arguments.unit, arguments.thrusters, arguments.log_columns)
+    measured = bench_forces.read(arguments.tables, form)
     for remark in measured.remarks:
         warn(remark)
     found = thrust_bench.fit(measured, names, arguments.curve)
@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> Document:
     agrees: List[str] = []
     if arguments.runs:
         runs = list(bag_arguments.reading(arguments, arguments.runs))
-        k = found.values["k"], *found.intervals["k"]
+        k = WithInterval(found.values["k"], *found.intervals["k"])
         windows = fit(fitted, runs, progress=arguments.work)
         motion = bench_motion.motion(fitted, k, runs, bag_arguments.Part(), arguments.work)
         at = "at full input" if found.curve.power is not None else "at %.3g" % found.curve.largest
@@ -156,7 +156,15 @@ def _put_into(model: _core.Model, found: thrust_bench.Thrust, path: str) -> Tupl
     body = document["body"]
     body.pop("l", None)
     body.pop("input_max", None)
-    listed = body.setdefault("thrusters", [_listed(one) for one in plain.thrusters])
+    pair = [  # as model files list them
+        {
+            "name": one["name"],
+            "position": [float(x) for x in one["position"]],
+            "direction": float(one["direction"]),
+        }
+        for one in plain.thrusters
+    ]
+    listed = body.setdefault("thrusters", pair)
     for thruster, gain in zip(listed, found.gains):
         if (found.gains != 1).any():
             thruster["gain"] = float(gain)
@@ -187,15 +195,6 @@ def _without_effects(model: _core.Model, thrust: thrust_bench.Thrust) -> _core.M
 
 def _scaled(interval: Tuple[float, float], factor: float) -> Tuple[float, float]:
     return factor * interval[0], factor * interval[1]
-
-
-def _listed(thruster: Document) -> Dict[str, Any]:
-    """A thruster of the pair as model files list it."""
-    return {
-        "name": thruster["name"],
-        "position": [float(x) for x in thruster["position"]],
-        "direction": float(thruster["direction"]),
-    }
 
 
 def _put_into_pair(model: _core.Model, found: thrust_bench.Thrust) -> Tuple[_core.Model, Places]:

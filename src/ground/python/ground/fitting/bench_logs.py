@@ -8,7 +8,7 @@ have no pulse.
 import os
 import re
 from dataclasses import dataclass
-from typing import Iterator, List, Optional, Sequence, Tuple
+from typing import Iterator, List, Optional, Sequence, Tuple, TypeVar
 
 import numpy as np
 from scipy import stats
@@ -28,6 +28,26 @@ MASK = re.compile(r"mask|bits", re.I)
 STILL = 0.1  # change within the second half of a stretch, relative to that in the whole, that is too much
 FEWEST = 4  # readings in half of a stretch
 SHARES = (0.1, 0.5, 0.9)  # shares of the force of a pulse whose times are measured
+_Values = TypeVar("_Values", float, Array)
+
+
+@dataclass(frozen=True)
+class BenchFormat:
+    """How the files of a bench are read."""
+
+    names: Sequence[str]  #: thrusters of the craft
+    off: float = 0.0  #: value of the input that means 0
+    full: float = 1.0  #: ... that means 1
+    unit: Optional[str] = (
+        None  #: of the forces; else N in a table, and the unit in its column's name in a log
+    )
+    #: thrusters at work together in all columns of a table, whose names then say nothing; or their number
+    together: Optional[Sequence[str]] = None
+    columns: Sequence[str] = ()  #: names of a log's columns of time, force and command
+
+    def level(self, value: _Values) -> _Values:
+        """An input, 0..1."""
+        return (value - self.off) / (self.full - self.off)
 
 
 @dataclass(frozen=True)
@@ -90,20 +110,16 @@ def is_log(header: Sequence[str]) -> bool:
     return any(TIME.match(_words(name)[0]) for name in header if _words(name))
 
 
-def read(
-    path: str, names: Sequence[str], off: float, full: float, unit: Optional[str], columns: Sequence[str]
-) -> Log:
-    """The pulses in a log. names: the thrusters of the craft; off, full: values of the command that mean 0
-    and 1; unit: of the force, where its column does not name it; columns: names of the columns of time, force
-    and command, where they are not found. GroundError where it has none."""
+def read(path: str, form: BenchFormat) -> Log:
+    """The pulses in a log. GroundError where it has none."""
     with containers.Tables([path]) as tables:
         (topic,) = tables.topics
         table = tables.table(topic)
     numeric = containers.numbers(table)
-    time, force, commands = _columns(path, numeric, names, columns)
-    newtons = NEWTONS[unit or _unit(path, force)]
+    time, force, commands = _columns(path, numeric, form)
+    newtons = NEWTONS[form.unit or _unit(path, force)]
     rows = containers.values(table, [time, force, *commands], path)
-    levels, together = _commands(path, rows[:, 2:], commands, names, off, full)
+    levels, together = _commands(path, rows[:, 2:], commands, form)
     known = np.isfinite(rows[:, :2]).all(axis=1) & np.isfinite(levels)
     rows, levels, together = rows[known], levels[known], together[known]
     seconds = rows[:, 0] * next((SECONDS[w] for w in _words(time)[1:] if w in SECONDS), 1.0)
@@ -158,10 +174,9 @@ def _unit(path: str, column: str) -> str:
     return found[-1]
 
 
-def _columns(
-    path: str, numeric: Sequence[str], names: Sequence[str], given: Sequence[str]
-) -> Tuple[str, str, List[str]]:
+def _columns(path: str, numeric: Sequence[str], form: BenchFormat) -> Tuple[str, str, List[str]]:
     """The columns of time, force and command. GroundError where they are not clear."""
+    given = form.columns
     if given:
         missing = [name for name in given if name not in numeric]
         if missing:
@@ -172,7 +187,7 @@ def _columns(
         return given[0], given[1], [given[2]]
     times = [n for n in numeric if TIME.match((_words(n) or [""])[0])]
     rest = [n for n in numeric if n not in times]
-    named = [n for n in rest if n in names]
+    named = [n for n in rest if n in form.names]
     commands = named or [n for n in rest if _is(COMMAND, n)]
     forces = [n for n in rest if n not in commands and _is(FORCE, n)]
     if not (times and len(forces) == 1 and (named or len(commands) == 1)):
@@ -188,11 +203,10 @@ def _is(form: "re.Pattern[str]", name: str) -> bool:
     return any(form.search(word) for word in _words(name))
 
 
-def _commands(
-    path: str, values: Array, columns: Sequence[str], names: Sequence[str], off: float, full: float
-) -> Tuple[Array, Array]:
+def _commands(path: str, values: Array, columns: Sequence[str], form: BenchFormat) -> Tuple[Array, Array]:
     """Level of each row (n,), 0..1, and which thrusters are at work (n, m). GroundError where that is not
     known."""
+    names = list(form.names)
     if len(columns) == 1 and columns[0] not in names and _is(MASK, columns[0]):
         bits = np.nan_to_num(values[:, 0]).astype(np.int64)
         if bits.min() < 0 or bits.max() >= 1 << len(names):
@@ -203,7 +217,7 @@ def _commands(
         together = (bits[:, None] >> np.arange(len(names)) & 1).astype(float)
         _check_name(path, together, names)
         return np.where(np.isfinite(values[:, 0]), together.max(axis=1), np.nan), together
-    levels = (values - off) / (full - off)
+    levels = form.level(values)
     if np.nanmin(levels) < -1e-6 or np.nanmax(levels) > 1 + 1e-6:
         raise GroundError(
             "%s: the command goes from %g to %g: give what means 0 and 1 with --inputs"

@@ -8,7 +8,7 @@ without. A delay or a lag of the thrusters is part of it where the likelihood as
 
 import math
 from dataclasses import dataclass
-from typing import Iterator, List, Optional, Sequence, Tuple
+from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy import stats
@@ -21,7 +21,7 @@ from ground.data.read import Recordings
 from ground.effect_library import candidates
 from ground.fitting import result as fitting
 from ground.models import Model
-from ground.support.annotations import Document
+from ground.support.annotations import Array
 from ground.support.errors import Diverged
 from ground.support.progress import Work
 from ground.support.quantities import quantity, with_interval
@@ -32,38 +32,54 @@ STARTS = (0.02, 0.05, 0.1, 0.2)  # initial values of a delay or a lag [s]
 UNSURE = 1.0  # relative half-width of an interval from which a number is not identifiable
 
 
+class WithInterval(NamedTuple):
+    """A positive value with its 95% interval."""
+
+    value: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, value: float, *others: "WithInterval") -> "WithInterval":
+        """A value with the interval of several independent uncertainties of its logarithm."""
+        below = math.hypot(*(math.log(one.value / one.low) if one.low > 0 else math.inf for one in others))
+        above = math.hypot(*(math.log(one.high / one.value) for one in others))
+        return cls(value, value * math.exp(-below), value * math.exp(above))
+
+    def plain(self, **more: object) -> Dict[str, object]:
+        """Plain values, and more before them."""
+        return {**more, "value": self.value, "ci95": [self.low, self.high]}
+
+
 @dataclass(frozen=True)
 class MassByMotion:
     """What motion says with the bench's forces."""
 
-    k: Tuple[float, float, float]  #: value and 95% interval, with the model's mass [N]
-    m: Tuple[float, float, float]  #: with the bench's k [kg]
-    I_z: Tuple[float, float, float]  #: with the bench's k [kg m^2]
+    k: WithInterval  #: with the model's mass [N]
+    m: WithInterval  #: with the bench's k [kg]
+    I_z: WithInterval  #: with the bench's k [kg m^2]
     given: Tuple[float, float]  #: m and I_z of the model
-    bench: Tuple[float, float, float]  #: k of the bench [N]
-    delay: Optional[
-        Tuple[str, Tuple[float, float, float]]
-    ]  #: effect that was added, its time and 95% interval [s]
+    bench: WithInterval  #: k of the bench [N]
+    delay: Optional[Tuple[str, WithInterval]]  #: effect that was added, and its time [s]
     pulse: float  #: mean time for which a command stays [s]
     converged: bool
     scale: float = 1.0  #: from the bench's k to the model's
 
     @property
-    def ratio(self) -> Tuple[float, float, float]:
-        """Thrust in motion over that on the bench, and its 95% interval with both uncertainties."""
-        value = self.k[0] / self.bench[0]
-        return _times(value, _relative(self.k), _relative(self.bench))
+    def ratio(self) -> WithInterval:
+        """Thrust in motion over that on the bench, with both uncertainties."""
+        return WithInterval.of(self.k.value / self.bench.value, self.k, self.bench)
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """Plain values."""
-        found: Document = {
-            "parameters": {n: _plain(getattr(self, n)) for n in ("k", "m", "I_z")},
-            "ratio": _plain(self.ratio),
+        found: Dict[str, object] = {
+            "parameters": {"k": self.k.plain(), "m": self.m.plain(), "I_z": self.I_z.plain()},
+            "ratio": self.ratio.plain(),
             "given": {"m": self.given[0], "I_z": self.given[1]},
             "converged": self.converged,
         }
         if self.delay:
-            found["delay"] = {"effect": self.delay[0], **_plain(self.delay[1])}
+            found["delay"] = self.delay[1].plain(effect=self.delay[0])
         return found
 
     @property
@@ -105,31 +121,28 @@ class MassByMotion:
                 "the intervals of bench and motion are apart: in motion the thrusters push %s, or the mass "
                 "is %s. Losses in motion, a low supply, a wrong mass or a wrong lever make the two differ. "
                 "Controllers and diagnosis need what motion tells: fit with k free"
-                % ("less" if value < 1 else "more", quantity(self.m[0], "kg", 3))
+                % ("less" if value < 1 else "more", quantity(self.m.value, "kg", 3))
             )
         k = windows.parameters["k"]
-        if k.ci95 and k.ci95[0] <= self.bench[2] * self.scale and k.ci95[1] >= self.bench[1] * self.scale:
+        if k.ci95[0] <= self.bench.high * self.scale and k.ci95[1] >= self.bench.low * self.scale:
             return "the intervals of bench and motion meet"
         return (
             "the forces equal the bench's at once, but over windows the craft moves as if they were "
             "%.2f times as large: an effect is missing, and diagnose looks for it. Until then take k from a "
-            "fit" % (k.value / (self.bench[0] * self.scale))
+            "fit" % (k.value / (self.bench.value * self.scale))
         )
 
 
 def over_windows(fit: fitting.Fit, bench: float, at: str) -> str:
     """What a fit with k free says of the bench's k in the model [N]."""
     k = fit.parameters["k"]
-    low, high = k.ci95 or (math.nan, math.nan)
     text = "motion over windows tells %.4g N %s [%.4g, %.4g], %.2f times the bench's"
-    return text % (k.value, at, low, high, k.value / bench)
+    return text % (k.value, at, *k.ci95, k.value / bench)
 
 
-def motion(
-    model: Model, bench: Tuple[float, float, float], recordings: Recordings, part: Part, work: Work
-) -> MassByMotion:
-    """The MassByMotion of recordings. model: with the bench's thrust; bench: its k and the 95% interval.
-    GroundError where the recordings cannot be used."""
+def motion(model: Model, bench: WithInterval, recordings: Recordings, part: Part, work: Work) -> MassByMotion:
+    """The MassByMotion of recordings. model: with the bench's thrust; bench: its k. GroundError where
+    the recordings cannot be used."""
     seen = measured(recordings, model, part, work)
     likelihood = Likelihood(seen.data, model.core)
     starts = list(_starts(model.core))
@@ -146,22 +159,24 @@ def motion(
             needed = plain.log_posterior + stats.chi2.isf(LEVEL / len(MOVING), 1) / 2
             if found.log_posterior > max(needed, best.log_posterior):
                 best, effect = found, name
-    described = {p["name"]: p for p in likelihood.intervals(best)}
-    m, inertia = (_interval(described[name]) for name in ("m", "I_z"))
-    given, own = model.core.value("m"), _relative(bench)
-    time = next((p for name, p in described.items() if effect and name.split(".")[0] == effect), None)
+    known = {
+        p["name"]: WithInterval(p["value"], *(p["ci95"] or (math.nan, math.nan)))
+        for p in likelihood.intervals(best)
+    }
+    m, inertia, given = known["m"], known["I_z"], model.core.value("m")
+    time = next((one for name, one in known.items() if effect and name.split(".")[0] == effect), None)
+    times = [recording.control_times for recording in seen.recordings]
+    in_k = (bench.value * given / mass for mass in (m.value, m.high, max(m.low, 1e-9 * m.value)))
     return MassByMotion(
-        (bench[0] * given / m[0], bench[0] * given / m[2], bench[0] * given / max(m[1], 1e-9 * m[0])),
-        _times(m[0], _relative(m), own),
-        _times(inertia[0], _relative(inertia), own),
+        WithInterval(*in_k),
+        WithInterval.of(m.value, m, bench),
+        WithInterval.of(inertia.value, inertia, bench),
         (given, model.core.value("I_z")),
         bench,
-        (effect, _interval(time)) if time else None,
-        _held(
-            [recording.control_times for recording in seen.recordings], [r.thrust for r in seen.recordings]
-        ),
+        (effect, time) if time else None,
+        _held(times, [recording.thrust for recording in seen.recordings]),
         best.converged,
-        model.core.value("k") / bench[0],
+        model.core.value("k") / bench.value,
     )
 
 
@@ -182,28 +197,7 @@ def _starts(model: _core.Model) -> Iterator[Tuple[str, _core.Model]]:
             yield name, start
 
 
-def _interval(parameter: Document) -> Tuple[float, float, float]:
-    low, high = parameter["ci95"] or (math.nan, math.nan)
-    return float(parameter["value"]), float(low), float(high)
-
-
-def _relative(one: Tuple[float, float, float]) -> Tuple[float, float]:
-    """Distances of the logarithms of an interval's ends and of the value, which is positive."""
-    value, low, high = one
-    return math.log(value / low) if low > 0 else math.inf, math.log(high / value)
-
-
-def _times(value: float, *relative: Tuple[float, float]) -> Tuple[float, float, float]:
-    """A positive value with the interval of several independent uncertainties of its logarithm."""
-    below, above = (math.sqrt(sum(end[i] ** 2 for end in relative)) for i in (0, 1))
-    return value, value * math.exp(-below), value * math.exp(above)
-
-
-def _plain(one: Tuple[float, float, float]) -> Document:
-    return {"value": one[0], "ci95": [one[1], one[2]]}
-
-
-def _held(times: Sequence[np.ndarray], commands: Sequence[np.ndarray]) -> float:  # type: ignore[type-arg]
+def _held(times: Sequence[Array], commands: Sequence[Array]) -> float:
     """Mean time for which a thruster stays on [s]; nan where none is ever off and on."""
     total = count = 0.0
     for stamps, rows in zip(times, commands):

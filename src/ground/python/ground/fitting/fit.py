@@ -3,7 +3,7 @@
 import argparse
 import contextlib
 import functools
-from dataclasses import astuple, dataclass, replace
+from dataclasses import asdict, astuple, dataclass, replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -17,11 +17,11 @@ from ground.data import voltage
 from ground.data.measured import Measured, Part, held_out, measured
 from ground.data.read import Recordings
 from ground.fitting import closed_loop, identifiability, priors
+from ground.fitting.identifiability import WindowEstimates
 from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
-from ground.models import Model, ModelLike, fitted_model, parameters_by_name
+from ground.models import Model, ModelLike, fitted_model
 from ground.poses import time_scales
 from ground.support import command_line
-from ground.support.annotations import Document
 from ground.support.command_line import count, option
 from ground.support.errors import GroundError, warn
 from ground.support.progress import Progress, Work
@@ -127,10 +127,12 @@ def fit(
     fitter = options.fitter(seen.data, known, kept=kept)
     with work.stage(FITTING, 1 + len(fitter.parts)):
         found = fitter.fit(start, options.free, work=work)
-    for p in found.result["parameters"]:
-        p["start"] = given.core.value(p["name"])
-        if p["name"] in unknown:
-            p.update(identified=False, ci95=(0.0, np.inf), deviation=np.inf)
+    estimates = WindowEstimates.of(found.result)
+    for name, p in estimates.parameters.items():
+        p = replace(p, start=given.core.value(name))
+        if name in unknown:
+            p = replace(p, identified=False, ci95=(0.0, np.inf), deviation=np.inf)
+        estimates.parameters[name] = p
     for name in closed_loop.closed(seen.runs, seen.data, found.model):
         warn(CLOSED % name)
     if not found.result["converged"]:
@@ -160,7 +162,7 @@ def fit(
         for part, without in (found.others.items() if len(seen.data) > 1 else ())
     ]
     parts += [FitWithout(shifted) for shifted in found.result["shifted"]]
-    result = _result(given, seen, options.starts, found.result, errors, prediction, runs, known)
+    result = _result(given, seen, options.starts, found, estimates, errors, prediction, runs, known)
     return replace(result, parts=parts)
 
 
@@ -172,9 +174,9 @@ def _prepared(
     are cut again by the fitted model until their length stays."""
     free = [name for name in options.free if name in identifiability.KEPT and name not in known]
 
-    def fit(runs: Sequence[_core.RunData], start: _core.Model, kept: Sequence[str]) -> Document:
+    def fit(runs: Sequence[_core.RunData], start: _core.Model, kept: Sequence[str]) -> WindowEstimates:
         more = {"kept": list(kept), "most": window_error.MAX_WINDOWS, "starts": 1}
-        return options.fitter(runs, known, **more).whole(start, options.free)
+        return WindowEstimates.of(options.fitter(runs, known, **more).whole(start, options.free))
 
     model = given.core
     lengths: List[float] = []
@@ -186,9 +188,9 @@ def _prepared(
         lengths.append(windows.length(cut.data))
         found, kept, unknown = identifiability.kept(cut.data, given.core, free, fit)
         moved = fit(cut.data, given.core, []) if kept else found
-        if kept and _worse(cut.data, found["model"], moved["model"]):
+        if kept and _worse(cut.data, found.model, moved.model):
             found, kept, unknown = moved, [], []
-        model = found["model"]
+        model = found.model
     if time_scales.usual_window(model) > longest:
         cut = seen  # too short for this craft: as given
     same = windows.length(cut.data) == windows.length(seen.data)
@@ -217,30 +219,31 @@ def _alone(
     run, level = fitter.runs[index], LEVEL / len(fitter.runs)
     free = identifiability.without_mass(options.free, [run])
     known = {name: prior for name, prior in known.items() if name in free}
-    alone = replace(options, starts=1).fitter([run], known).whole(found.model, free)
+    alone = WindowEstimates.of(replace(options, starts=1).fitter([run], known).whole(found.model, free))
     own = [i for i, window in enumerate(fitter.windows) if window.run == index]
+    others = WindowEstimates.of(found.others[fitter.part_of[own[0]]])
     sizes = [fitter.windows[i].last - fitter.windows[i].first + 1 for i in own]
     return RunFit(
         run.name,
-        {name: alone["model"].value(name) for name in options.free},
-        {p["name"]: p["ci95"] for p in alone["parameters"]},
-        windows.error([run], alone["model"]),
+        {name: alone.model.value(name) for name in options.free},
+        {name: p.ci95 for name, p in alone.parameters.items()},
+        windows.error([run], alone.model),
         float(np.average(found.by_window[own], weights=sizes)),
-        disagreements(alone, found.others[fitter.part_of[own[0]]], level),
+        disagreements(alone, others, level),
     )
 
 
-def disagreements(fitted: Document, others: Document, level: float) -> List[str]:
+def disagreements(fitted: WindowEstimates, others: WindowEstimates, level: float) -> List[str]:
     """Parameters whose estimates from one run and from the others differ, where any does with a probability
     of `level` although all are the same: by Student's t with the fewer degrees of freedom of both."""
-    known = {p["name"]: p for p in others["parameters"]}
-    freedom = min(fitted["freedom"], others["freedom"])
+    freedom = min(fitted.freedom, others.freedom)
+    pairs = [(p, others.parameters[name]) for name, p in fitted.parameters.items()]
     return [
-        a["name"]
-        for a, b in ((one, known[one["name"]]) for one in fitted["parameters"])
-        if a["identified"] and b["identified"]
-        for off in [(a["value"] - b["value"]) / np.hypot(a["deviation"], b["deviation"])]
-        if len(known) * student_outside(off, freedom) < level
+        a.name
+        for a, b in pairs
+        if a.identified and b.identified
+        for off in [(a.value - b.value) / np.hypot(a.deviation, b.deviation)]
+        if len(others.parameters) * student_outside(off, freedom) < level
     ]
 
 
@@ -248,7 +251,8 @@ def _result(
     given: Model,
     seen: Measured,
     starts: int,
-    result: Document,
+    found: WindowFit,
+    estimates: WindowEstimates,
     errors: Errors,
     prediction: Optional[PredictionError],
     runs: List[RunFit],
@@ -257,7 +261,7 @@ def _result(
     from ground.analysis import comparison
     from ground.checks import quality
 
-    core, parameters = result["model"], parameters_by_name(result["parameters"])
+    result, core, parameters = found.result, estimates.model, estimates.parameters
     return Fit(
         model=fitted_model(core, seen.recordings, *_by_kind(errors), parameters),
         parameters=parameters,
@@ -270,17 +274,17 @@ def _result(
         objective=result["objective"],
         starts={"tried": starts, "at_best": result["starts_at_best"]},
         condition=result["condition"],
-        weak=identifiability.weak_directions(result),
+        weak=[asdict(weak) for weak in identifiability.weak_directions(estimates)],
         converged=result["converged"],
         runs=runs,
         same_inputs=quality.same_inputs(seen.runs),
         remarks=[
             *identifiability.of_payloads(seen.data, list(parameters)),
-            *identifiability.sentences(result),
-            *priors.sentences(known, result["parameters"]),
+            *identifiability.sentences(estimates),
+            *priors.sentences(known, parameters),
         ],
-        correlations=np.array(result["correlation"]),
-        freedom=result["freedom"],
+        correlations=estimates.correlation,
+        freedom=estimates.freedom,
         given=given,
         data=seen.data,
     )
@@ -304,7 +308,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_mat(parser)
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify fit; returns what --json prints."""
     from ground.data import bag_arguments
 

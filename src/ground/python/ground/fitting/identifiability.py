@@ -1,13 +1,15 @@
 """Parameters that a fit does not identify, in words."""
 
+from dataclasses import dataclass
 from typing import Callable, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import likelihood, window_error, windows
+from ground.models import Parameter, parameters_by_name
 from ground.reading import payloads
-from ground.support.annotations import Document
+from ground.support.annotations import Array, Document
 from ground.support.errors import Diverged
 
 WELL_KNOWN = 0.03  # relative deviation below which a parameter is well known
@@ -16,12 +18,40 @@ MAX_COMBINED = 0.5  # largest deviation of a combination to be named, relative t
 PROBE, DRAWS = 1.25, 2  # artificial recordings: factor on the parameters, number of pairs
 KEPT = ("I_z", "k", "N_r", "Y_v", "X_u")  # in this order: what a user can weigh comes first
 
-Fitted = Callable[[Sequence[_core.RunData], _core.Model, Sequence[str]], Document]  # runs, start, kept
+
+@dataclass(frozen=True)
+class WindowEstimates:
+    """What a fit to windows found."""
+
+    model: _core.Model
+    parameters: Dict[str, Parameter]  #: by name
+    correlation: Array  #: (n, n) of the estimates
+    freedom: float  #: degrees of freedom of Student's t of the intervals
+
+    @classmethod
+    def of(cls, result: Document) -> "WindowEstimates":
+        """Of what the core's fit returns."""
+        correlation = np.array(result["correlation"])
+        return cls(result["model"], parameters_by_name(result["parameters"]), correlation, result["freedom"])
+
+
+@dataclass(frozen=True)
+class WeakDirection:
+    """Two parameters of which only the ratio or product is identifiable."""
+
+    parameters: List[str]
+    known_as: str  #: "a/b" or "a*b"
+    deviation: float  #: relative standard deviation of that
+    deviations: List[float]  #: ... of the two
+    strength: float  #: deviation of the worse one over the combination's
+
+
+Fitted = Callable[[Sequence[_core.RunData], _core.Model, Sequence[str]], WindowEstimates]  # runs, start, kept
 
 
 def kept(
     runs: Sequence[_core.RunData], start: _core.Model, free: Sequence[str], fit: Fitted
-) -> Tuple[Document, List[str], List[str]]:
+) -> Tuple[WindowEstimates, List[str], List[str]]:
     """What a fit finds, which free parameters (of KEPT) keep their start, and which are not identifiable.
 
     These are: what the fit says; what has its start in an interval that also holds no effect of the
@@ -32,13 +62,13 @@ def kept(
     unknown: List[str] = []
     while True:
         found = fit(runs, start, keep)
-        rest, model = [name for name in free if name not in keep], found["model"]
-        missed = _missed(runs, model, rest, keep, fit)
+        rest = [name for name in free if name not in keep]
+        missed = _missed(runs, found.model, rest, keep, fit)
         doubtful = [
-            p["name"]
-            for p in found["parameters"]
-            if p["name"] in rest
-            if not p["identified"] or missed[p["name"]] > 0.5 or _open_ended(p, model, start)
+            name
+            for name, p in found.parameters.items()
+            if name in rest
+            if not p.identified or missed[name] > 0.5 or _open_ended(p, found.model, start)
         ]
         unknown += [name for name in doubtful if name not in unknown]
         if not doubtful:
@@ -46,10 +76,10 @@ def kept(
         keep.append(min(doubtful, key=KEPT.index))
 
 
-def _open_ended(p: Document, model: _core.Model, start: _core.Model) -> bool:
-    (low, high), limit = p["ci95"], p["value"] + _stopping(p["name"], model)
-    wide = low <= 0 or np.isinf(high) if p["name"] in ("I_z", "k") else high > limit
-    return bool(wide and low <= start.value(p["name"]) <= high)
+def _open_ended(p: Parameter, model: _core.Model, start: _core.Model) -> bool:
+    (low, high), limit = p.ci95, p.value + _stopping(p.name, model)
+    wide = low <= 0 or np.isinf(high) if p.name in ("I_z", "k") else high > limit
+    return bool(wide and low <= start.value(p.name) <= high)
 
 
 def _stopping(name: str, model: _core.Model) -> float:
@@ -77,7 +107,7 @@ def _missed(
             seeds = [np.random.default_rng((draw, i)) for i in range(len(runs))]
             try:
                 made = [window_error.recorded(run, true, seed) for run, seed in zip(runs, seeds)]
-                pair.append(fit(made, model, keep)["model"])
+                pair.append(fit(made, model, keep).model)
             except Diverged:
                 return missed  # the model cannot be simulated along the runs
         for name in free:
@@ -111,57 +141,38 @@ def of_payloads(runs: Sequence[_core.RunData], free: Sequence[str]) -> Iterator[
         )
 
 
-def weak_directions(fit: Document) -> List[Document]:
-    """Pairs of parameters of which only the ratio or product is identifiable, strongest first.
-
-    Returns dictionaries with `parameters` (two names), `known_as` ("a/b" or "a*b"), `deviation`, its
-    relative standard deviation, and `deviations` of the two. Linear in the logarithms of the
-    parameters, by the covariance that the fit gives.
-    """
+def weak_directions(fit: WindowEstimates) -> List[WeakDirection]:
+    """Pairs of parameters of which only the ratio or product is identifiable, strongest first. Linear in the
+    logarithms of the parameters, by the covariance that the fit gives."""
     rows = [
-        (i, p["name"], p["deviation"] / abs(p["value"]))
-        for i, p in enumerate(fit["parameters"])
-        if p["identified"] and p["value"] != 0 and np.isfinite(p["deviation"])
+        (i, p, p.deviation / abs(p.value))
+        for i, p in enumerate(fit.parameters.values())
+        if p.identified and p.value != 0 and np.isfinite(p.deviation)
     ]
     found = []
     for at, (i, first, a) in enumerate(rows):
         for j, second, b in rows[at + 1 :]:
-            sign = np.sign(fit["parameters"][i]["value"] * fit["parameters"][j]["value"])
-            together = sign * fit["correlation"][i][j]
+            together = np.sign(first.value * second.value) * fit.correlation[i][j]
             known = np.sqrt(max(a * a + b * b - 2 * abs(together) * a * b, 0.0))
             worse, better = max(a, b), min(a, b)
             if better < WELL_KNOWN or known > MAX_COMBINED * better:
                 continue
-            found.append(
-                {
-                    "parameters": [first, second],
-                    "known_as": ("%s/%s" if together > 0 else "%s*%s") % (first, second),
-                    "deviation": float(known),
-                    "deviations": [float(a), float(b)],
-                    "strength": float(worse / max(known, 1e-9)),
-                }
-            )
-    return sorted(found, key=lambda w: float(-w["strength"]))
+            names = [first.name, second.name]
+            known_as = ("/" if together > 0 else "*").join(names)
+            strength = float(worse / max(known, 1e-9))
+            found.append(WeakDirection(names, known_as, float(known), [float(a), float(b)], strength))
+    return sorted(found, key=lambda weak: -weak.strength)
 
 
-def sentences(fit: Document) -> Iterator[str]:
+def sentences(fit: WindowEstimates) -> Iterator[str]:
     """Sentences for the user about parameters that are not identifiable."""
-    for p in fit["parameters"]:
-        if p["identified"] and p["at_bound"]:
-            yield "%s is at its bound; the data prefer a value beyond it" % p["name"]
+    for p in fit.parameters.values():
+        if p.identified and p.at_bound:
+            yield "%s is at its bound; the data prefer a value beyond it" % p.name
     for weak in weak_directions(fit):
-        first, second = weak["parameters"]
+        (first, second), (a, b) = weak.parameters, weak.deviations
         yield (
             "%s and %s are only known as %s: this to ±%.2g%%, %s to ±%.2g%% and %s to ±%.2g%% (one "
             "standard deviation); fix one of them, or record inputs that distinguish them"
-            % (
-                first,
-                second,
-                weak["known_as"],
-                100 * weak["deviation"],
-                first,
-                100 * weak["deviations"][0],
-                second,
-                100 * weak["deviations"][1],
-            )
+            % (first, second, weak.known_as, 100 * weak.deviation, first, 100 * a, second, 100 * b)
         )

@@ -7,7 +7,7 @@ from typing import Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 from ground import _core
 from ground.analysis.distributions import student_outside
 from ground.effect_library.parameters import described
-from ground.support.annotations import Document
+from ground.models import Parameter
 from ground.support.errors import GroundError
 
 Known = Dict[str, Tuple[float, float]]  # mean and standard deviation by parameter
@@ -61,18 +61,18 @@ def _deviation(name: str, value: float, given: Union[float, str]) -> float:
     return found
 
 
-def sentences(before: Known, parameters: Sequence[Document]) -> Iterator[str]:
+def sentences(before: Known, parameters: Mapping[str, Parameter]) -> Iterator[str]:
     """What runs say of parameters that were known, in words. parameters: of a fit."""
     contradicted: List[str] = []
     told_little: List[str] = []
-    for p in parameters:
-        if p["name"] not in before:
+    for name, p in parameters.items():
+        if name not in before:
             continue
-        mean, deviation = before[p["name"]]
-        if len(before) * contradiction(p["value"] - mean, deviation, p["deviation"]) < LEVEL:
-            contradicted.append("%s (%.3g ± %.2g known, now %.3g)" % (p["name"], mean, deviation, p["value"]))
-        elif p["deviation"] > TOLD_LITTLE * deviation:
-            told_little.append(p["name"])
+        mean, deviation = before[name]
+        if len(before) * contradiction(p.value - mean, deviation, p.deviation) < LEVEL:
+            contradicted.append("%s (%.3g ± %.2g known, now %.3g)" % (name, mean, deviation, p.value))
+        elif p.deviation > TOLD_LITTLE * deviation:
+            told_little.append(name)
     if contradicted:
         yield "the runs contradict what was known of %s" % _listed(contradicted)
     if told_little:

@@ -206,7 +206,7 @@ class Fit(Shown, Plotted, Estimated):
         units = {"t": "s", "u": "m/s", "v": "m/s", "r": "rad/s"}
         return with_units(pandas.concat(frames, ignore_index=True), units)
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """Plain values, as `identify fit --json` prints them."""
         parameters = {name: asdict(p) for name, p in self.parameters.items()}
         for values in parameters.values():

@@ -1,61 +1,139 @@
 """Forces of thrusters that were measured on a bench: curve, gains, and what they are worth.
 
-Thruster j gives the force g_j f(w) at input w (0..1): one curve f for all (thrust_curve), and gains g_j
-whose mean is 1. Gains are fitted if they differ significantly. The curve is the simplest one that the
-Bayesian information criterion does not clearly reject. Of thrusters that are on or off, there are gains only.
+Thruster j gives the force g_j f(w) at input w (0..1): one curve f for all, and gains g_j whose mean is 1.
+Gains are fitted if they differ significantly. The curve is the simplest one that the Bayesian information
+criterion does not clearly reject. Of thrusters that are on or off, there are gains only.
+
+A curve is a sum of given functions of the input, so that a fit is a linear least-squares problem, or a power
+of the input (thesis 3.2, figure 3.1).
 """
 
-import csv
-import re
-from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
-from typing import Counter as CounterType
 
 import numpy as np
-from scipy import stats
+from scipy import optimize, stats
 
-from ground.fitting import bench_copies, bench_logs, thrust_curve
-from ground.support.annotations import Array, Flags
+from ground.fitting.bench_forces import OFF, Bench
+from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
 LEVEL = 0.01  # probability of rejecting equal gains that are right
 STRONG = 6.0  # difference of the information criterion that is strong evidence (Kass and Raftery 1995)
-OFF = 1e-9  # input of a thruster that is off
 ROUNDS = 8  # fits of curve and gains, in turn
-BOTH = "both"  # column of all thrusters together
 BATCHES = 5  # of repetitions in a row, whose drift is common
+POWERS = (0.2, 5.0)  # bounds for the exponent
+POINTS = 12  # rows of the table that a polynomial is written as
+GRID = 301  # inputs at which a polynomial must not fall
+MAX_FITS = 8  # each to the inputs above the dead band of the fit before
 
 
 @dataclass(frozen=True)
-class Bench:
-    """Measured forces, one row each."""
+class Curve:
+    """The force of one thruster against its input."""
 
-    inputs: Array  # (n,) 0..1
-    together: Array  # (n, m) 1 where thruster j is at work, else 0
-    repetition: Array  # (n,) how many rows before it have the same input and thrusters
-    forces: Array  # (n,) [N]
-    remarks: Tuple[str, ...] = ()  # what was left out
-    source: str = ""  # how many pulses of how many logs they are
-    timing: Optional[bench_logs.Timing] = None  # how the force follows commands, of logs
+    kind: str  #: "linear", "power" or "polynomial"
+    order: int  #: number of coefficients
+    largest: float  #: largest input that was measured
+    force: Callable[[Array], Array]  #: force [N] at inputs (n,), up to the largest one
+    power: Optional[float] = None  #: exponent, of a linear curve or a power
+    knots: Sequence[float] = ()  #: inputs of the table as which a polynomial is written
 
     @property
-    def levels(self) -> Array:
-        """The different inputs above zero."""
-        return np.asarray(np.unique(self.inputs[self.inputs > OFF]))
+    def words(self) -> str:
+        """Such as "polynomial of degree 2"."""
+        if self.kind == "polynomial":
+            return "polynomial of degree %d" % (self.order - 1)
+        return {"linear": "proportional force"}.get(self.kind, self.kind)
 
-    def part(self, rows: Flags) -> "Bench":
-        """Some rows, by their mask (n,)."""
-        chosen = (self.inputs, self.together, self.repetition, self.forces)
-        inputs, together, repetition, forces = (a[rows] for a in chosen)
-        return Bench(inputs, together, repetition, forces)
+    @property
+    def full(self) -> float:
+        """Force at the largest input that was measured [N]."""
+        return float(self.force(np.array([self.largest]))[0])
+
+    def table(self) -> List[Tuple[float, float]]:
+        """Rows input, force relative to that at the largest input, from no input on; both ascend."""
+        inputs = np.asarray(self.knots)
+        force = np.maximum.accumulate(np.maximum(self.force(inputs), 0.0)) / self.full
+        force[0] = 0.0
+        # Inputs that are equal as they are written are one row.
+        rows = {round(float(w), 6): round(float(f), 6) for w, f in zip(inputs, force)}
+        return list({0.0: 0.0, **rows}.items())
+
+
+#: A fit of one kind of curve to inputs (n,), numbers of thrusters at work (n,) and forces (n,) [N].
+Kind = Callable[[Array, Array, Array], Optional[Curve]]
+
+
+def linear(inputs: Array, working: Array, forces: Array) -> Optional[Curve]:
+    """A force in proportion to the input."""
+    basis = working * inputs
+    slope = float(basis @ forces / (basis @ basis))
+    return Curve("linear", 1, float(inputs.max()), lambda w: slope * w, 1.0)
+
+
+def power(inputs: Array, working: Array, forces: Array) -> Optional[Curve]:
+    """A power of the input."""
+    scale = float(np.max(forces / working))
+    largest = float(inputs.max())
+
+    def residuals(x: Array) -> Array:
+        return np.asarray(working * x[0] * (inputs / largest) ** x[1] - forces / scale)
+
+    bounds = ([1e-3, POWERS[0]], [1e3, POWERS[1]])
+    found = optimize.least_squares(residuals, [1.0, 1.0], bounds=bounds, x_scale="jac").x
+    k, p = scale * float(found[0]), float(found[1])
+
+    def force(at: Array) -> Array:
+        return np.asarray(k * (np.maximum(at, 0.0) / largest) ** p)
+
+    return Curve("power", 2, largest, force, p)
+
+
+def polynomial(degree: int) -> Kind:
+    """A polynomial, without force below the input at which it becomes positive."""
+
+    def fit(inputs: Array, working: Array, forces: Array) -> Optional[Curve]:
+        if len(np.unique(inputs)) <= degree + 1:
+            return None
+        largest = float(inputs.max())
+        at = np.linspace(0, largest, GRID)
+        zero = -1.0  # largest input without force
+        for _ in range(MAX_FITS):
+            above = inputs > zero
+            if len(np.unique(inputs[above])) <= degree + 1:
+                return None
+            basis = working[:, None] * (inputs[:, None] / largest) ** np.arange(degree + 1)
+            found = np.linalg.lstsq(basis[above], forces[above], rcond=None)[0]
+            value = np.polyval(found[::-1], at / largest)
+            off = np.flatnonzero(value <= 0)
+            begin = int(off[-1]) if len(off) else 0
+            if at[begin] <= zero:
+                break
+            zero = float(at[begin])
+        if value[-1] <= 0 or np.diff(value[begin:]).min() < 0:
+            return None  # it falls somewhere
+        count = 2 if degree == 1 else POINTS
+        return Curve(
+            "polynomial",
+            degree + 1,
+            largest,
+            lambda w: np.where(w > at[begin], np.polyval(found[::-1], w / largest), 0.0),
+            knots=[float(w) for w in np.linspace(at[begin], largest, count)],
+        )
+
+    return fit
+
+
+#: From the simplest to the most flexible.
+KINDS: Sequence[Kind] = (linear, power, polynomial(1), polynomial(2), polynomial(3))
 
 
 @dataclass(frozen=True)
 class Thrust:
     """The fitted thrust."""
 
-    curve: thrust_curve.Curve  # force of a thruster with gain 1
+    curve: Curve  # force of a thruster with gain 1
     gains: Array  # (m,) mean 1; all 1 unless they differ significantly
     values: Dict[str, float]  # k [N]: force at input 1, or at the largest one of a polynomial; p; gains
     intervals: Dict[str, Tuple[float, float]]  # 95%
@@ -66,176 +144,8 @@ class Thrust:
     switches: bool = False  # whether thrusters were on or off only, so that nothing is known of the curve
 
 
-def read(
-    path: str,
-    names: Sequence[str],
-    off: float = 0.0,
-    full: float = 1.0,
-    unit: float = 1.0,
-    measured: Optional[Sequence[str]] = None,
-) -> Bench:
-    """The Bench in a CSV file.
-
-    The header names a column of inputs, then columns of forces: of a thruster by its name, of several
-    by their names with + between, of all by "both"; repeated ones have endings such as left_2. names:
-    the thrusters of the craft. measured: thrusters that were at work together in all columns, whose
-    names then say nothing; or one text with their number. off, full: values of the input that mean 0
-    and 1. unit: newtons in one unit of force. Raises GroundError.
-    """
-    header, rows = _cells(path)
-    columns = _columns(path, header, names, measured)
-    rows, remarks = bench_copies.without_copies(path, rows, columns, off)
-    found = []
-    for number, values in rows:
-        level = (values[0] - off) / (full - off)
-        if not -1e-6 <= level <= 1 + 1e-6:
-            raise GroundError(
-                "%s: line %d: input %g is not between %g and %g: give what means 0 and 1 with --inputs, "
-                "such as --inputs 1000 2000 for microseconds" % (path, number, values[0], off, full)
-            )
-        level = min(max(level, 0.0), 1.0)
-        found += [(level, at, i, unit * values[1 + i]) for i, at in enumerate(columns)]
-    return _bench(path, found, remarks)
-
-
-def read_files(
-    paths: Sequence[str],
-    names: Sequence[str],
-    off: float = 0.0,
-    full: float = 1.0,
-    unit: Optional[str] = None,
-    measured: Optional[Sequence[str]] = None,
-    columns: Sequence[str] = (),
-) -> Bench:
-    """The Bench in a table (read), or in logs of a load cell (bench_logs.read). unit: of the force; N in a
-    table without it. columns: of a log. Raises GroundError."""
-    logs = [path for path in paths if columns or bench_logs.is_log(_cells(path, only_header=True)[0])]
-    if not logs and len(paths) == 1:
-        return read(paths[0], names, off, full, bench_logs.NEWTONS[unit or "N"], measured)
-    others = [path for path in paths if path not in logs]
-    if others:
-        raise GroundError("%s: no column of it is a time; give one table, or logs only" % others[0])
-    read_logs = [bench_logs.read(path, names, off, full, unit, columns) for path in logs]
-    pulses = [pulse for log in read_logs for pulse in log.pulses]
-    remarks = [
-        "%s: %d of its pulses are left out: the force was not steady in them, or without command beside them"
-        % (path, log.lost)
-        for path, log in zip(logs, read_logs)
-        if log.lost
-    ]
-    bench = _bench(", ".join(logs), [(p.level, p.together, 0, p.force) for p in pulses], remarks)
-    source = "%d pulses in %d logs" % (len(pulses), len(logs))
-    return replace(bench, source=source, timing=bench_logs.timing(read_logs))
-
-
-def _bench(
-    path: str, found: Sequence[Tuple[float, Tuple[float, ...], int, float]], remarks: Sequence[str]
-) -> Bench:
-    """The Bench of forces with their levels, and the thrusters at work. GroundError where thrust at full
-    input does not follow from them."""
-    levels = {level for level, *_ in found if level > OFF}
-    if not levels:
-        raise GroundError("%s: a fit needs a force at an input above zero" % path)
-    if len(levels) == 1 and min(levels) < 1 - 1e-6:
-        raise GroundError(
-            "%s: there are forces at the input %g only, so that thrust at full input would be a guess: "
-            "measure others; of a thruster that is on or off, say by --inputs which value is on"
-            % (path, min(levels))
-        )
-    seen: "CounterType[Tuple[float, ...]]" = Counter()
-    repetition = []
-    for level, at, *_ in found:
-        repetition.append(seen[(level, *at)])
-        seen[(level, *at)] += 1
-    inputs, together, _, forces = (np.array(column) for column in zip(*found))
-    return Bench(inputs, together, np.array(repetition), forces, tuple(remarks))
-
-
-def _cells(path: str, only_header: bool = False) -> Tuple[List[str], List[Tuple[int, List[float]]]]:
-    """The header, and the numbers of each line that is not empty, with the line's number."""
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:  # spreadsheets write a BOM
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise GroundError("%s: cannot be read: %s" % (path, error))
-    header = [name.strip() for name in rows[0]] if rows else []
-    found: List[Tuple[int, List[float]]] = []
-    if only_header:
-        return header, found
-    for number, row in enumerate(rows[1:], 2):
-        if not "".join(row).strip():
-            continue
-        try:
-            values = [float(text) for text in row]
-        except ValueError:
-            values = []
-        if len(values) != len(header) or not np.isfinite(values).all():
-            raise GroundError("%s: line %d: must be %d numbers" % (path, number, len(header)))
-        found.append((number, values))
-    return header, found
-
-
-def _columns(
-    path: str, header: Sequence[str], names: Sequence[str], measured: Optional[Sequence[str]]
-) -> List[Tuple[float, ...]]:
-    """For each column of forces how many times each thruster is at work."""
-    if measured is not None:
-        if len(measured) == 1 and measured[0].isdigit() and 1 <= int(measured[0]) <= len(names):
-            return [(int(measured[0]) / len(names),) * len(names)] * (len(header) - 1)
-        unknown = [name for name in measured if name not in names]
-        if unknown or not measured:
-            raise GroundError(
-                "%s: no thruster is called %s: the model's are %s, or give how many were measured together"
-                % (path, ", ".join(unknown), ", ".join(names))
-            )
-        return [tuple(float(name in measured) for name in names)] * (len(header) - 1)
-    columns = [_thrusters(text, names) for text in header[1:]]
-    if not columns or not all(columns):
-        raise GroundError(
-            "%s: line 1 must name the columns: input, then the thrusters (%s, or %s for all of them "
-            "together), each optionally with an ending such as %s_2. Where all columns are of the same "
-            "thrusters, say so with --thrusters" % (path, ", ".join(names), BOTH, names[0])
-        )
-    return [tuple(float(name in column) for name in names) for column in columns]
-
-
-def _thrusters(text: str, names: Sequence[str]) -> List[str]:
-    """The thrusters that a column's name means; empty if it means none."""
-    for base in (text, re.sub(r"_\d+$", "", text)):
-        parts = base.split("+")
-        if base == BOTH:
-            return list(names)
-        if all(part in names for part in parts):
-            return parts
-    return []
-
-
-def draft(levels: Sequence[Tuple[float, float]]) -> str:
-    """Text of a CSV file for read(), with the inputs of levels (pairs left, right; 0..1) and without
-    forces; a repeated level gets another column. Raises GroundError when the columns would not have
-    the same inputs."""
-    counts: Dict[str, "CounterType[float]"] = {}
-    for left, right in levels:
-        if left > OFF and right > OFF and left != right:
-            raise GroundError(
-                "left %.3g and right %.3g at once have no column in a table of forces" % (left, right)
-            )
-        side = "left" if right <= OFF else "right" if left <= OFF else BOTH
-        if max(left, right) > OFF:
-            counts.setdefault(side, Counter())[max(left, right)] += 1
-    inputs = {tuple(sorted(count)) for count in counts.values()}
-    if len(inputs) != 1 or any(len(set(count.values())) > 1 for count in counts.values()):
-        raise GroundError("the thrusters were not held at the same levels equally often")
-    header = ["input"]
-    for side, count in counts.items():
-        rounds = next(iter(count.values()))
-        header += ["%s_%d" % (side, i + 1) for i in range(rounds)] if rounds > 1 else [side]
-    rows = ["%.6g" % level + "," * (len(header) - 1) for level in inputs.pop()]
-    return "\n".join([",".join(header)] + rows) + "\n"
-
-
 def fit(bench: Bench, names: Sequence[str], only: Optional[str] = None) -> Thrust:
-    """The Thrust that a Bench of the named thrusters shows. only: a kind of curve (thrust_curve.Curve)
+    """The Thrust that a Bench of the named thrusters shows. only: a kind of Curve
     to be used whatever the evidence. Raises GroundError."""
     driven = bench.part(bench.inputs > OFF)
     if not np.max(driven.forces) > 0:
@@ -270,7 +180,7 @@ def fit(bench: Bench, names: Sequence[str], only: Optional[str] = None) -> Thrus
     )
 
 
-def _values(curve: thrust_curve.Curve, gains: Array, names: Sequence[str]) -> Dict[str, float]:
+def _values(curve: Curve, gains: Array, names: Sequence[str]) -> Dict[str, float]:
     """k, p of a power, and gains that are not 1, by their names."""
     k = curve.full
     values = {"k": k if curve.power is None else k / curve.largest**curve.power}
@@ -281,14 +191,14 @@ def _values(curve: thrust_curve.Curve, gains: Array, names: Sequence[str]) -> Di
     return values
 
 
-def _curves(bench: Bench, gains: Array) -> List[thrust_curve.Curve]:
+def _curves(bench: Bench, gains: Array) -> List[Curve]:
     working = bench.together @ gains
-    kinds = thrust_curve.KINDS if len(bench.levels) > 1 else thrust_curve.KINDS[:1]
+    kinds = KINDS if len(bench.levels) > 1 else KINDS[:1]
     found = [kind(bench.inputs, working, bench.forces) for kind in kinds]
     return [curve for curve in found if curve is not None and curve.full > 0]
 
 
-def _again(bench: Bench, like: thrust_curve.Curve) -> thrust_curve.Curve:
+def _again(bench: Bench, like: Curve) -> Curve:
     """A curve of the same kind and order, fitted to other forces; as it is where that fails."""
     for curve in _curves(bench, np.ones(bench.together.shape[1])):
         if (curve.kind, curve.order) == (like.kind, like.order):
@@ -301,7 +211,7 @@ def _separate(bench: Bench) -> int:
     return int(np.linalg.matrix_rank(bench.together)) - 1
 
 
-def _fit_gains(bench: Bench, curve: thrust_curve.Curve) -> Array:
+def _fit_gains(bench: Bench, curve: Curve) -> Array:
     """Gains with mean 1; those that the columns do not separate are the same."""
     force = curve.force(bench.inputs)
     basis = force[:, None] * bench.together
@@ -342,9 +252,7 @@ def _scatter(bench: Bench) -> float:
     return float(np.sqrt(misfit @ misfit / freedom)) if freedom else float("nan")
 
 
-def _choose(
-    bench: Bench, gains: Array, curves: Sequence[thrust_curve.Curve]
-) -> Tuple[thrust_curve.Curve, List[Tuple[str, float]]]:
+def _choose(bench: Bench, gains: Array, curves: Sequence[Curve]) -> Tuple[Curve, List[Tuple[str, float]]]:
     """The simplest curve that the forces do not reject, and the simpler ones, by their evidence's ratio."""
     working, n = bench.together @ gains, len(bench.forces)
     least = 1e-12 * float(bench.forces @ bench.forces)

@@ -9,12 +9,12 @@ from ground.reports.appearance import LESS, model_color, model_line, model_mark
 from ground.reports.figure_parts import curve, points, short
 from ground.reports.panels import Panels
 from ground.reports.words import capital, listed
-from ground.support.annotations import Document
+from ground.support.annotations import Plotly
 
 ROOM = 1.5  # the axis shows intervals up to so many spans of the values
 
 
-def all_of(found: HistoryContents) -> Iterator[Document]:
+def all_of(found: HistoryContents) -> Iterator[Plotly]:
     """A figure for each parameter of each type, those with changes first."""
     changed = {one.parameter for one in found.changes} | {one.parameter for one in found.odd}
     for kind in found.types:
@@ -32,7 +32,7 @@ def by_name(found: HistoryContents) -> Dict[str, Tuple[CraftType, str]]:
     }
 
 
-def of(found: HistoryContents, kind: CraftType, name: str) -> Document:
+def of(found: HistoryContents, kind: CraftType, name: str) -> Plotly:
     """A parameter of all crafts of a type over time: each run with its interval, and what changes."""
     figure, values = Panels(), []
     described = kind.parameters[name]

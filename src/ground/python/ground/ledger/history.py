@@ -20,7 +20,7 @@ from ground.models import Model, ModelLike
 from ground.reading.mapping import DEFAULT, FieldMapping, load
 from ground.reports import result_folder
 from ground.support import command_line
-from ground.support.annotations import Document, Path
+from ground.support.annotations import Path
 from ground.support.command_line import option
 from ground.support.errors import GroundError, OptionError
 from ground.support.progress import Progress, Work
@@ -200,7 +200,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_details(parser)
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify history; returns what --json prints."""
     if arguments.leave_out:
         raise OptionError("{0}: a history takes whole runs", "leave_out")

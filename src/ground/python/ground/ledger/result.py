@@ -4,7 +4,7 @@ import csv
 import functools
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Iterator, List, Sequence
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Sequence
 
 from ground.ledger import words
 from ground.ledger.contents import SCHEMA, HistoryContents
@@ -37,8 +37,7 @@ class History(Shown, Plotted):
     @functools.cached_property
     def report(self) -> Document:
         """Everything, as history.json has it; docs/schemas/history.schema.json explains the keys."""
-        found: Document = records.plain(self.contents)
-        return found
+        return dict(records.plain(self.contents))
 
     @property
     def changes(self) -> List[Document]:
@@ -85,7 +84,7 @@ class History(Shown, Plotted):
         """All changes, and a line for each run."""
         return words.evidence(self.contents)
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """Plain values, as history.json has them."""
         return self.report
 

@@ -159,7 +159,7 @@ def _of_fit(result: Fit) -> Makers:
 
 @_makers.register(Comparison)
 def _of_comparison(result: Comparison) -> Makers:
-    made = _errors(comparing_page.predictions(result.to_dict()))
+    made = _errors(comparing_page.predictions(result.ranking, result.prediction))
     for run in result.runs:
         if run.recording is not None:
             made.update(_of_studies(run.name, functools.partial(getattr, run, "inspections")))
