@@ -12,7 +12,7 @@ few calm seconds.
 """
 
 from dataclasses import dataclass
-from typing import List, Sequence, Tuple
+from typing import Dict, List, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ground.analysis.folds import Folds
 from ground.analysis.likelihood import CAP, LikelihoodFit, call
 from ground.poses import angles, repair
 from ground.reading.recording import POSE, VELOCITY
-from ground.support.annotations import Array, Document, Each, Flags
+from ground.support.annotations import Array, Each, Flags
 from ground.support.errors import Diverged
 
 _Task = Tuple[int, LikelihoodFit, Sequence[_core.Window], Sequence[float]]
@@ -181,7 +181,7 @@ def _smoothed_noise(run: _core.RunData) -> Array:
     return np.asarray(np.std(with_it - without, axis=0))
 
 
-def coverage(bands: Sequence[Bands]) -> List[Document]:
+def coverage(bands: Sequence[Bands]) -> List[Dict[str, Union[float, str]]]:
     """Share of the measurements that the Bands of runs hold.
 
     Returns a list of dictionaries, one for each horizon and channel: horizon [s], channel, coverage,

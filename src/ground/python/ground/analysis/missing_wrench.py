@@ -88,7 +88,7 @@ def of_wrench(calm: Undisturbed, model: _core.Model) -> MissingWrench:
     box, point = residuals.disturbance(calm.run, model, "sigma")
     smoothed = box.smooth(point, 0)
     wrench, sigma = smoothed["wrench"], smoothed["sigma"]
-    numbers: Document = {
+    numbers = {
         "disturbances": [{"start": float(a), "end": float(b)} for a, b in calm.events],
         "noise": residuals.levels(point, calm.run, "sigma"),
         "channels": {

@@ -6,7 +6,7 @@ likelihood fits all of them in the model. A formula is an effect as model files 
 """
 
 from dataclasses import dataclass, replace
-from typing import Callable, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.regression import LEVEL, Regression, Term
 from ground.analysis.samples import Memory
 from ground.effect_library import candidates
-from ground.support.annotations import Document
 from ground.support.errors import Diverged
 
 NAME = "proposed"  # of the effect
@@ -33,7 +32,7 @@ WIDE = 5.0  # factor by which a fit may change a constant of time
 class Formula:
     """A proposal: an effect that the library does not have."""
 
-    entry: Document  # as model files list effects, its parameters fitted
+    entry: Mapping[str, object]  # as model files list effects, its parameters fitted
     means: str  # in words
     fit: LikelihoodFit  # of the model with it
     ratio: float  # of the likelihoods with and without it, 2 ln
@@ -173,11 +172,11 @@ def _fitted(
     return Formula(_entry(reached, fit), formula_words.of_pieces(reached, values), fitted, ratio, reached)
 
 
-def _entry(pieces: Sequence[FormulaTerm], fit: LikelihoodFit) -> Document:
+def _entry(pieces: Sequence[FormulaTerm], fit: LikelihoodFit) -> Mapping[str, object]:
     """The effect of pieces as model files list it, by a name that the model of a LikelihoodFit does not
     have."""
-    expression: Document = {}
-    parameters: Document = {}
+    expression: Dict[str, str] = {}
+    parameters: Dict[str, Dict[str, Union[str, float]]] = {}
     states = {state: rate for piece in pieces for state, rate in piece.states.items()}
     for piece in pieces:
         for channel, text in piece.parts.items():
@@ -196,5 +195,5 @@ def _entry(pieces: Sequence[FormulaTerm], fit: LikelihoodFit) -> Document:
     name = NAME
     while name in fit.model.effects:
         name += "_"
-    entry: Document = {"name": name, "expression": expression, "parameters": parameters}
+    entry: Dict[str, object] = {"name": name, "expression": expression, "parameters": parameters}
     return {"name": name, "states": states, **entry} if states else entry

@@ -6,7 +6,7 @@ model and a white force of the likeliest level. Innovations of a true model are 
 spacing of the stamps, and independent of the inputs.
 """
 
-from typing import Dict, Optional, Sequence, Tuple
+from typing import Dict, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -44,12 +44,15 @@ def analyse(
     c, s = np.cos(left["states"][:, 2]), np.sin(left["states"][:, 2])
     times, lags = np.array(run.times), windows.time_scale([run]) * INPUT_LAGS
     pushed = [model.forces(held(run, times - lag)) for lag in (0.0, *lags)]
-    channels: Document = {}
+    channels: Dict[str, Dict[str, object]] = {}
+    white = True
     for channel, values in (("ahead", c * x + s * y), ("starboard", c * y - s * x), ("heading", heading)):
         values = np.where(valid, values, np.nan)
         values = values - np.nanmean(values)
+        own = _autocorrelation(values, stretch, scatter.interval(times))
+        white &= bool(own["accepted"])
         channels[channel] = {
-            "autocorrelation": _autocorrelation(values, stretch, scatter.interval(times)),
+            "autocorrelation": own,
             "input_sum": _with_input(values, [forces[:, 0] for forces in pushed], lags),
             "input_difference": _with_input(values, [forces[:, 2] for forces in pushed], lags),
         }
@@ -59,7 +62,7 @@ def analyse(
         "samples": int(valid.sum()),
         "noise": levels(point, run, "white"),
         "channels": channels,
-        "white": all(c["autocorrelation"]["accepted"] for c in channels.values()),
+        "white": white,
     }
 
 
@@ -88,7 +91,9 @@ def disturbance(
     return _core.GreyBox([run], model), found
 
 
-def levels(point: _core.GreyBoxPoint, run: _core.RunData, kind: str) -> Document:
+def levels(
+    point: _core.GreyBoxPoint, run: _core.RunData, kind: str
+) -> Dict[str, Dict[str, Union[float, str]]]:
     """Levels of the wrench of a kind ("sigma" or "white") and of the noise of poses, with their units."""
     found, per = point.levels, " sqrt(s)" if kind == "white" else ""
     scale = np.exp(point.log_scales[0])  # of the run
@@ -105,7 +110,7 @@ def held(run: _core.RunData, times: Array) -> Array:
     return given[np.searchsorted(inputs[:, 0], times, side="right")]
 
 
-def _autocorrelation(values: Array, stretch: Indices, step: float) -> Document:
+def _autocorrelation(values: Array, stretch: Indices, step: float) -> Dict[str, object]:
     variance = np.nanmean(values**2)
     found, bands = [], []
     for lag in range(1, min(LAGS, len(values) // 4) + 1):
@@ -119,7 +124,7 @@ def _autocorrelation(values: Array, stretch: Indices, step: float) -> Document:
     return {"lag_samples": list(lags), **_judged(found, bands), "lag_seconds": [step * k for k in lags]}
 
 
-def _with_input(values: Array, pushed: Sequence[Array], lags: Array) -> Optional[Document]:
+def _with_input(values: Array, pushed: Sequence[Array], lags: Array) -> Optional[Dict[str, object]]:
     """Correlation with a command; None when it never changes. pushed: the command at the samples, and then
     each lag [s] before."""
     good = np.isfinite(values)
@@ -140,7 +145,7 @@ def _with_input(values: Array, pushed: Sequence[Array], lags: Array) -> Optional
     return {"lag_seconds": lags.tolist(), **_judged(found, [width] * len(found))}
 
 
-def _judged(found: Sequence[float], widths: Sequence[float]) -> Document:
+def _judged(found: Sequence[float], widths: Sequence[float]) -> Dict[str, object]:
     """Values with bands; accepted unless one lies outside the band of their maximum."""
     values, bands = np.array(found), np.array(widths)
     band = normal_limit(0.5 * (1 - BAND)) * bands

@@ -14,7 +14,7 @@ from ground.reports import result_folder
 from ground.simulation import gains as gain_files
 from ground.simulation import laws, listing, tracking
 from ground.support import command_line, files
-from ground.support.annotations import Document, Path
+from ground.support.annotations import Document, Path, Setting
 from ground.support.command_line import count, option, positive, seconds, seed
 from ground.support.errors import GroundError, OptionError, core_errors
 from ground.support.headline import Line
@@ -70,7 +70,7 @@ class Tracking(Shown, Plotted):
     caution: str  #: why the craft cannot follow the reference exactly; empty when it can
     remark: str  #: how the controller uses the model's effects; empty when nothing is odd
     effects: Dict[str, List[str]]  #: effects that the controller has used and unused
-    gains: Document  #: parameters of the controller by name
+    gains: Dict[str, Setting]  #: parameters of the controller by name
     seed: Optional[int]
     noise: Optional[bool] = None  #: whether the mocap had noise; None: not recorded
 
@@ -119,11 +119,10 @@ class Tracking(Shown, Plotted):
         runs = []
         for run in document["runs"]:
             width = len(run["inputs"][0]) if run["inputs"] else 3
-            rows: Document = {
-                k: np.array(run[k], float).reshape(-1, count or width) for k, count in COLUMNS.items()
-            }
-            rows.update(times=rows["times"][:, 0], numbers=_endless(run["numbers"]))
-            runs.append(Track(**{**run, **rows}))
+            rows = {k: np.array(run[k], float).reshape(-1, count or width) for k, count in COLUMNS.items()}
+            rows["times"] = rows["times"][:, 0]
+            run.update(rows, numbers=_endless(run["numbers"]))
+            runs.append(Track(**run))
         document.update(runs=runs, numbers=_endless(document["numbers"]), window=tuple(document["window"]))
         document["max_error"] = np.inf if document["max_error"] is None else document["max_error"]
         return cls(**document)
@@ -282,7 +281,7 @@ def track(
         truth = tracking.perturbed(moves.core, dict(options.perturb))
     except ValueError as error:
         raise GroundError("--perturb: %s" % error)
-    use: Document = {"used": [], "unused": [], "remark": ""}
+    use = tracking.EffectUse([], [])
     if own:
         choice: tracking.Controller = laws.CheckedLaw(own, truth)
     else:
@@ -307,8 +306,8 @@ def track(
         window=(task.settled, task.until),
         max_error=options.max_error or task.reference.default_max_error(),
         caution=str(task.reference.infeasibility(believed.core)),
-        remark=str(use["remark"]),
-        effects={"used": use["used"], "unused": use["unused"]},
+        remark=use.remark,
+        effects={"used": use.used, "unused": use.unused},
         gains=dict(choice.values),
         seed=options.seed,
         noise=options.noise,

@@ -169,7 +169,7 @@ class Story:
         return {"schema": SCHEMA, **dataclasses.asdict(self)}
 
     @staticmethod
-    def from_dict(document: Document) -> "Story":
+    def from_dict(document: object) -> "Story":
         """The Story of plain values; KeyError or TypeError when they are not a story's."""
         found: Story = _read(Story, document)
         return found

@@ -48,7 +48,7 @@ class Equations:
     def __init__(self, core: _core.Model, reserved: Iterable[str] = ()) -> None:
         """Raises ValueError for an effect that cannot be written down. reserved: names with a meaning in
         the code."""
-        found: Document = _core.equations(core)
+        found = _core.equations(core)
         self.core: _core.Model = found["model"]  #: with the effects that act
         self.initial: List[float] = found["initial"]  #: states of effects before the first command
         self.outputs: Document = found["outputs"]

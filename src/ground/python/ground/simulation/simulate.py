@@ -510,12 +510,12 @@ def _headline(arguments: argparse.Namespace, model: Model, run: SimulatedRun) ->
         )
 
 
-def _described(disturbance: Optional[_core.Disturbance]) -> Optional[Document]:
+def _described(disturbance: Optional[_core.Disturbance]) -> Optional[Dict[str, object]]:
     """A disturbance for --json, SI units."""
     if disturbance is None:
         return None
     found = {name: list(getattr(disturbance, name)) for name in ("sigma", "time", "white", "trim")}
-    return dict(found, trim_thrust=disturbance.trim_thrust)
+    return {**found, "trim_thrust": disturbance.trim_thrust}
 
 
 def _bursts(run: SimulatedRun) -> str:

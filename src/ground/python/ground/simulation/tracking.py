@@ -24,7 +24,7 @@ NEVER_SETTLED = dict(rms=np.inf, max=np.inf, saturated_fraction=1.0, effort=0.0)
 POOLED = ("rms", "max", "final", "saturated_fraction", "effort", "wanted_outside", "wanted_largest")
 SHARES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 # The thesis's references: parameters, and the window in which errors count [s].
-REFERENCES: Dict[str, Tuple[Dict[str, Any], Optional[Tuple[float, float]]]] = {
+REFERENCES: Dict[str, Tuple[Dict[str, float], Optional[Tuple[float, float]]]] = {
     "circle": (dict(size=2.0, rate_of_turn=0.6), (20.0, 60.0)),
     "line": (dict(speed=0.707, end_x=2.5, end_y=2.5, smooth=False), (0.0, 20.0)),
     "rhodonea": (dict(size=1.5, petals=1.5, rate_of_turn=0.4), (20.0, 60.0)),
@@ -101,13 +101,21 @@ def starts(count: int, seed: int, spread: float = SPREAD) -> List[Start]:
     return [(s[:3], s[3:]) for s in spread * random.standard_normal((count, 6))]
 
 
-def effect_use(kind: str, model: _core.Model) -> Document:
-    """How a kind of controller uses the effects of its model: `used` and `unused` ones, and a `remark`
-    for users. GroundError when it must not use the model."""
+@dataclass(frozen=True)
+class EffectUse:
+    """How a controller uses the effects of its model."""
+
+    used: List[str]
+    unused: List[str]
+    remark: str = ""  # for users
+
+
+def effect_use(kind: str, model: _core.Model) -> EffectUse:
+    """The EffectUse of a kind of controller; GroundError when it must not use the model."""
     use = _core.effect_use(kind, model)
     if use["refusal"]:
         raise GroundError(use["refusal"])
-    return use
+    return EffectUse(use["used"], use["unused"], use["remark"])
 
 
 def run(
