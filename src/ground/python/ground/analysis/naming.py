@@ -16,8 +16,9 @@ from ground.analysis.dictionary import Feature
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.formula_words import FormulaTerm
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
-from ground.analysis.regression import LEVEL, Regression, Term
+from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Memory
+from ground.analysis.search import LEVEL
 from ground.effect_library import candidates
 from ground.support.errors import Diverged
 

@@ -33,7 +33,7 @@ DETAILS = (
     "\n"
     + listing.references()
     + "\n"
-    + listing.controllers(tracking.CONTROLLERS)
+    + listing.controllers(gain_files.CONTROLLERS)
     + """
 Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file:
 all of it). Without --noise the controller knows the true state at its rate;
@@ -208,7 +208,7 @@ class _TrackOptions:
     """A controller, a craft, and the conditions of the loop."""
 
     controller: Union[str, laws.Law] = option(
-        "TrajectoryTracking", "control law (%(default)s)", choices=list(tracking.CONTROLLERS)
+        "TrajectoryTracking", "control law (%(default)s)", choices=list(gain_files.CONTROLLERS)
     )
     truth: Optional[ModelLike] = option(None, "true model of the craft (--model)", metavar="T.yaml")
     gains: Optional[gain_files.Gains] = option(

@@ -54,12 +54,12 @@ def joined(chosen: Sequence[Piece], lift_time: float) -> Array:
     return np.vstack([*parts, off])
 
 
-def motion(piece: Piece, model: _core.Model, room: _core.RoomPlan, heading: float, noise: Array) -> Motion:
+def motion(piece: Piece, model: _core.Model, room: _core.RoomPlan, noise: Array) -> Motion:
     """The motion that a model expects of a Piece, played in bursts that begin at home, as
     _core.RunData, and the time that it takes with its returns [s]. noise: of the poses (3,) [m],
     [m], [rad]. Raises GroundError when the motion is not finite."""
     reach = REACH * room.clearance(room.home)
-    home = np.array([*room.home, heading])
+    home = np.array([*room.home, 0.0])
     played, began = 0.0, 0.0  # inputs so far [s]; clock of the flight [s]
     times, eta, nu, inputs = [], [], [], []
     while played < SECONDS - 0.1:

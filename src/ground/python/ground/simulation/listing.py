@@ -11,7 +11,6 @@ from ground.support.command_line import number, option
 
 NAMES = ("size", "rate_of_turn", "petals", "speed")  # parameters of references that are options
 PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set parameters of references
-REFERENCE = (*NAMES, *PLACES)
 WIDTH = 79  # longest line [characters]
 
 
@@ -58,7 +57,7 @@ def reference_fields() -> Iterator[Tuple[str, Any, Any]]:
 
 def reference_settings(options: Any) -> Dict[str, float]:
     """The parameters of references that options set."""
-    settings = command_line.given(options, REFERENCE)
+    settings = command_line.given(options, (*NAMES, *PLACES))
     found = {name: settings[name] for name in NAMES if name in settings}
     for place, names in PLACES.items():
         found.update(zip(names, settings.get(place, ())))

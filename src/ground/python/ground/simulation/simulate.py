@@ -30,7 +30,6 @@ DESIGNS = {info.name: info for info in _core.design_table()}
 KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]
 DURATION = 20.0  # [s]
 ARRAY = "array"  # rows of inputs that a caller gives
-WITH_RETURNS = 4  # longest experiment with bursts and returns, in lengths of the timed rows
 SIMULATING = "simulating"  # stage
 
 # Options that belong to some inputs only, by the part that they belong to
@@ -177,7 +176,7 @@ class _Options(Acting, Mocap):
     charge: Optional[float] = option(
         None, "its charge at the start, 0..1 (1)", range=(0.01, 1.0), metavar="CHARGE"
     )
-    controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(loop.CONTROLLERS))
+    controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(gains.CONTROLLERS))
     reference: Optional[str] = _tracking("(circle)", choices=[kind for kind in loop.KINDS if kind != "file"])
 
 
@@ -314,7 +313,7 @@ class _Drive:
             raise OptionError("{why}", why=error) from error
         timed = kind == "file" and not signal.description  # rows under a header, not bits
         self._refuse_unused("lifted" if signal.has_lift else "timed" if timed else kind)
-        length = duration or signal.end * (WITH_RETURNS if timed and self.room else 1)
+        length = duration or signal.end * (experiments.WITH_RETURNS if timed and self.room else 1)
         if self.room is not None:
             self.params = self._bursts(kind, options, length)
         elif "burst" in self.options:

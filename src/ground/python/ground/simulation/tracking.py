@@ -8,14 +8,12 @@ import numpy as np
 from ground import _core
 from ground.analysis import tracks
 from ground.analysis.tracks import Track
-from ground.simulation import gains
 from ground.simulation.laws import CheckedLaw
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError, core_error
 from ground.support.progress import Work
 from ground.support.workers import Workers
 
-CONTROLLERS = list(gains.CONTROLLERS)
 KINDS = {info.name: info for info in _core.reference_table()}
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
 AFTER_STOP = 3.0  # time after the end of a reference until the craft has to be there [s]
