@@ -38,7 +38,7 @@ class Conclusion:
     # without any
     holdout: Mapping[str, Optional[judge.PairedComparison]]
     heldout_floor: float  # noise floor of the runs on which steps are measured
-    varies: List[Document]  # what differs between runs
+    varies: List[Dict[str, object]]  # what differs between runs
     ceiling: Ceiling
     agreement: Agreement
     formula: Optional[naming.Formula]  # for what is learnable and has no name
@@ -263,7 +263,7 @@ def _holdout(
     return {name: found.compared(grown, rest) for name, rest in rests.items()}
 
 
-def _varies(found: StepwiseDiagnosis) -> List[Document]:
+def _varies(found: StepwiseDiagnosis) -> List[Dict[str, object]]:
     """Differences between runs, as fitted with the grown model."""
     return [
         {
@@ -323,7 +323,7 @@ def _name(
 def _verdict(
     found: StepwiseDiagnosis,
     explained: bool,
-    varies: Sequence[Document],
+    varies: Sequence[Dict[str, object]],
     left: Ceiling,
     agrees: Agreement,
 ) -> str:

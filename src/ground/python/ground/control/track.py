@@ -89,7 +89,7 @@ class Tracking(Shown, Plotted):
         """Run, time [s] and reason of each that ended early."""
         return list(self.numbers["stops"])
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """Plain values, as `track --json` prints them but for the names of files."""
         return {
             "seed": self.seed,
@@ -326,7 +326,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs track; returns what --json prints. GroundError when the controller stopped."""
     refuse_picture(arguments)
     options: _TrackOptions = command_line.options(arguments, TrackOptions)
@@ -339,7 +339,7 @@ def run(arguments: argparse.Namespace) -> Document:
         **found.to_dict(),
     }
 
-    def figure() -> Document:
+    def figure() -> Dict[str, object]:
         from ground.reports import tracking_figures
 
         name = "%s, %s" % (found.controller, found.reference)

@@ -1,7 +1,7 @@
 """identify tracking: how a recorded craft followed its reference (thesis figures 4.6, 4.7)."""
 
 import argparse
-from typing import Iterator, List, Sequence, Tuple
+from typing import Dict, Iterator, List, Sequence, Tuple
 
 from ground.analysis import tracks
 from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs the verb; returns what --json prints."""
     refuse_picture(arguments)
     room = Room.load(arguments.room) if arguments.room else None
@@ -48,9 +48,9 @@ def run(arguments: argparse.Namespace) -> Document:
         command_line.say(arguments, line)
     for name, drive in ((run["run"], drive) for run in runs for drive in run["drives"]):
         command_line.say_details(arguments, [*[name] * (len(drawn) > 1), *effort_lines(drive)])
-    result: Document = {"settled": arguments.settled, "runs": runs}
+    result: Dict[str, object] = {"settled": arguments.settled, "runs": runs}
 
-    def figure() -> Document:
+    def figure() -> Dict[str, object]:
         from ground.reports import tracking_figures
 
         track, numbers, recording = max(drawn, key=lambda one: float(one[1]["duration"]))

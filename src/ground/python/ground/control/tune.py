@@ -11,7 +11,6 @@ from ground.control.words import metres
 from ground.models import Model
 from ground.simulation import gains, listing, tracking, tuning
 from ground.support import command_line, files
-from ground.support.annotations import Document
 from ground.support.command_line import count, option, seed
 from ground.support.errors import GroundError, core_errors
 from ground.support.headline import formatted
@@ -83,7 +82,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_details(parser)
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs tune; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     options = command_line.options(arguments, TuneOptions)

@@ -15,7 +15,7 @@ from ground.models import Model, ModelLike, Room, RoomLike
 from ground.simulation import experiments
 from ground.simulation import simulate as simulating
 from ground.support import command_line
-from ground.support.annotations import Document, Path
+from ground.support.annotations import Path
 from ground.support.command_line import option, seed
 from ground.support.errors import GroundError, OptionError
 from ground.support.headline import Line
@@ -108,7 +108,7 @@ class Discovery(Shown, Plotted):
         page = os.path.join(place, "report.html")
         return cls.of(story, model, page if os.path.isfile(page) else "")
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """Plain values, as journal.json has them."""
         return self.story.to_dict()
 
@@ -211,7 +211,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_details(parser)
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify discover; returns what --json prints."""
 
     def say(text: str) -> None:

@@ -71,7 +71,7 @@ class Effect(Shown):
         *,
         force: Optional[Callable[..., Any]] = None,
         frame: str = "body",
-        states: Mapping[str, Union[str, Document]] = {},
+        states: Mapping[str, Union[str, Dict[str, object]]] = {},
         thrust: Mapping[str, str] = {},
         **parameters: Any,
     ) -> None:

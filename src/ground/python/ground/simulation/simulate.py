@@ -456,7 +456,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_options(parser, SimulateOptions)
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify simulate; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     model = Model.load(arguments.model)

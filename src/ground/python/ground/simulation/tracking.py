@@ -8,8 +8,9 @@ import numpy as np
 from ground import _core
 from ground.analysis import tracks
 from ground.analysis.tracks import Track
+from ground.simulation.experiments import DriveLog, logged
 from ground.simulation.laws import CheckedLaw
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array
 from ground.support.errors import GroundError, core_error
 from ground.support.progress import Work
 from ground.support.workers import Workers
@@ -150,23 +151,25 @@ def run(
         mocap.rate, mocap.position_noise, mocap.heading_noise = rate, 0.0, 0.0
     pose, velocity = (np.zeros(3), np.zeros(3)) if start is None else start
     try:
-        log = _core.track_reference(
-            truth, believed, params, pose, velocity, mocap, seed, battery=conditions.battery
+        log = logged(
+            _core.track_reference(
+                truth, believed, params, pose, velocity, mocap, seed, battery=conditions.battery
+            )
         )
     except RuntimeError as error:
         raise core_error(error)
     finally:
         if isinstance(controller, CheckedLaw) and controller.failure:
             raise controller.failure
-    if not len(log["references"]):
-        raise GroundError("the controller stopped before it drove: %s" % log["stopped"])
+    if not len(log.references):
+        raise GroundError("the controller stopped before it drove: %s" % log.stopped)
     found = _track(log, task)
     return replace(found, numbers=_numbers(found, task, log))
 
 
-def _track(log: Document, task: TrackingTask) -> Track:
-    began = log["references"][0, 0]
-    truth, decisions = log["truth"], log["decisions"]
+def _track(log: DriveLog, task: TrackingTask) -> Track:
+    began = log.references[0, 0]
+    truth, decisions = log.truth, log.decisions
     times = truth[:, 0] - began
     kept = times >= -tracks.ROUNDING
     when, middle = decisions[:, 0] - began, (3 + decisions.shape[1]) // 2
@@ -180,16 +183,16 @@ def _track(log: Document, task: TrackingTask) -> Track:
     )
 
 
-def _numbers(found: Track, task: TrackingTask, log: Document) -> Document:
+def _numbers(found: Track, task: TrackingTask, log: DriveLog) -> Dict[str, object]:
     measured = tracks.summary(found, task.settled)
     numbers = {n: NEVER_SETTLED.get(n) if value is None else value for n, value in measured.items()}
     numbers.update(final=float(found.errors[-1]), stopped=None)
     if task.ends:
         late = found.times >= task.reference.extent() + AFTER_STOP
         numbers["after_stop_max"] = float(found.errors[late].max()) if late.any() else None
-    if log["stopped"]:
-        at = log["stopped_at"] - log["references"][0, 0]
-        numbers.update(rms=np.inf, max=np.inf, stopped=log["stopped"], stopped_at=at)
+    if log.stopped:
+        at = log.stopped_at - log.references[0, 0]
+        numbers.update(rms=np.inf, max=np.inf, stopped=log.stopped, stopped_at=at)
     return numbers
 
 
@@ -225,7 +228,7 @@ def perturbed(model: _core.Model, factors: Dict[str, float]) -> _core.Model:
     return moved
 
 
-def pooled(runs: Sequence[Track]) -> Document:
+def pooled(runs: Sequence[Track]) -> Dict[str, object]:
     """Numbers of several runs in one dict: medians, and 5, 50, 95% of the error."""
     numbers = [r.numbers for r in runs]
 
@@ -233,15 +236,15 @@ def pooled(runs: Sequence[Track]) -> Document:
         values = [n[name] for n in numbers if n.get(name) is not None]
         return float(np.median(values)) if values else None
 
-    result: Document = {name: median(name) for name in POOLED}
-    if all(n.get("after_stop_max") is not None for n in numbers):
-        result["after_stop_max"] = median("after_stop_max")
-    result["compute_ms"] = tracks.compute_ms(np.concatenate([r.computing[:, 1] for r in runs]))
-    result["rms_quantiles"] = quantiles([n["rms"] for n in numbers])
+    has_ended = all(n.get("after_stop_max") is not None for n in numbers)
     stops = [(i, n) for i, n in enumerate(numbers, 1) if n["stopped"] is not None]
-    result["stopped"] = len(stops)
-    result["stops"] = [{"run": i, "time": n["stopped_at"], "reason": n["stopped"]} for i, n in stops]
-    return result
+    return {
+        **{name: median(name) for name in [*POOLED, *["after_stop_max"] * has_ended]},
+        "compute_ms": tracks.compute_ms(np.concatenate([r.computing[:, 1] for r in runs])),
+        "rms_quantiles": quantiles([n["rms"] for n in numbers]),
+        "stopped": len(stops),
+        "stops": [{"run": i, "time": n["stopped_at"], "reason": n["stopped"]} for i, n in stops],
+    }
 
 
 def quantiles(values: Sequence[float]) -> Dict[str, float]:
