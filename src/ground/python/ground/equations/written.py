@@ -192,9 +192,8 @@ class WrittenFunction:
     lines: List[str]
     outputs: List[str]
     unused: List[str]  # arguments
-    nodes: List[List[str]] = field(
-        default_factory=list
-    )  # parts of the outputs, where commands pass actuators
+    # Parts of the outputs, where commands pass actuators
+    nodes: List[List[str]] = field(default_factory=list)
     after: List[str] = field(default_factory=list)
     now: List[str] = field(default_factory=list)
     rates: List[str] = field(default_factory=list)
@@ -213,18 +212,18 @@ def _functions(equations: Equations, language: Language) -> Dict[str, WrittenFun
 
     outputs = equations.outputs
     found = {
-        "motion": written(outputs["motion"], "state", "inputs", "t", "p"),
-        "measured": written(outputs["measured"], "state", "p"),
-        "delay": written([outputs["delay"]], "p"),
+        "motion": written(outputs.motion, "state", "inputs", "t", "p"),
+        "measured": written(outputs.measured, "state", "p"),
+        "delay": written([outputs.delay], "p"),
     }
     if equations.is_actuated:
-        nodes, now = outputs["nodes"], outputs["now"]
+        nodes, now = outputs.nodes, outputs.now
         places = [place for node in nodes for place in node]
-        step = written([*places, *outputs["after"]], "state", "inputs", "dt", "p")
+        step = written([*places, *outputs.after], "state", "inputs", "dt", "p")
         width = len(nodes[0])
         step.nodes = [step.outputs[i * width : (i + 1) * width] for i in range(len(nodes))]
         step.after = step.outputs[len(places) :]
-        at_once = written([*now, *outputs["rates"]], "state", "inputs", "p")
+        at_once = written([*now, *outputs.rates], "state", "inputs", "p")
         at_once.now, at_once.rates = at_once.outputs[: len(now)], at_once.outputs[len(now) :]
         found.update(step=step, at_once=at_once)
     return found
