@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 SCHEMA = "ground/tracking/1"
 # Arrays of a Track and their columns; 0: one for each thruster, and the time
 COLUMNS = {"times": 1, "eta": 3, "reference": 2, "inputs": 0, "wanted": 0, "computing": 2}
-DRIVING = "simulating drives"  # stage; unit: a drive
 MAX_STOPS = 5  # stops that are printed
 DETAILS = (
     "\n"
@@ -296,7 +295,7 @@ def track(
         given = {**command_line.given(options, ["smooth"]), **listing.reference_settings(options), **settings}
         task = tracking.task(reference, options.settled, options.end_time, **given)
         loop = (truth, believed.core, choice, task, places, conditions, first, work)
-        with work.stage(DRIVING, len(places)):
+        with work.stage("simulating drives", len(places)):
             runs = tracking.many(*loop, rate=options.rate, max_error=options.max_error)
     return Tracking(
         controller=choice.kind,

@@ -12,8 +12,6 @@ from ground.support import command_line
 from ground.support.annotations import Document
 from ground.support.headline import formatted
 
-FOLLOWING = "comparing paths with references"  # stage; unit: a recording
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
@@ -38,7 +36,7 @@ def run(arguments: argparse.Namespace) -> Dict[str, object]:
     runs: List[Document] = []
     drawn: List[Tuple[tracks.Track, Document, Recording]] = []
     for recording in bag_arguments.read(arguments):
-        with arguments.work.stage(FOLLOWING):
+        with arguments.work.stage("comparing paths with references"):
             read = tracks.read(recording.path, recording)
         by = {"kind": recording.flown_by.get("controller"), "model": recording.flown_by.get("model")}
         drives = [dict(tracks.numbers(track, arguments.settled), **by) for track in read]

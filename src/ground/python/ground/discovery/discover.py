@@ -25,7 +25,6 @@ from ground.support.results import Plotted, Shown
 if TYPE_CHECKING:
     import pandas
 
-FLYING = "discovering"  # stage; unit: a second of flight
 REST = 2.0  # length of a simulation that checks the conditions [s]
 DETAILS = """
 The craft flies bursts of inputs in a room, without ROS and faster than real time. All flights so far
@@ -182,7 +181,7 @@ def discover(
         if told is not None:
             told(story)
 
-    with work.stage(FLYING, round(options.budget)):
+    with work.stage("discovering", round(options.budget)):  # a unit is a second of flight
         flying = campaign.FlightCampaign(given.core, laboratory, settings, kept, listen, work=work.quiet())
         listen(flying.story)
         story = flying.run()

@@ -30,7 +30,6 @@ DESIGNS = {info.name: info for info in _core.design_table()}
 KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]
 DURATION = 20.0  # [s]
 ARRAY = "array"  # rows of inputs that a caller gives
-SIMULATING = "simulating"  # stage
 
 # Options that belong to some inputs only, by the part that they belong to
 LIFT = ("lift", "lift_time")
@@ -460,7 +459,7 @@ def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify simulate; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     model = Model.load(arguments.model)
-    with arguments.work.stage(SIMULATING):
+    with arguments.work.stage("simulating"):
         made = simulate(
             model,
             arguments.input,
