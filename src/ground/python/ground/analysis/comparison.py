@@ -30,6 +30,14 @@ def thesis_objective(runs: Sequence[_core.RunData], model: _core.Model) -> Optio
     return float(np.mean(values)) if values else None
 
 
+@dataclass(frozen=True)
+class HorizonErrors:
+    """Errors of poses predicted over a horizon."""
+
+    seconds: float
+    errors: Array  # (k, 2) [mm], [deg]
+
+
 @dataclass
 class Evaluation:
     """One run simulated by one model, and what is needed to pool it with others."""
@@ -38,7 +46,7 @@ class Evaluation:
     sigma: Array  # (3,) standard deviations of u, v, r in the run
     predicted: Array  # (m, 3) errors of the pure prediction [standard deviations]
     thesis: Optional[float]
-    horizons: List[Document]  # per horizon: seconds, errors (k, 2) [mm], [deg]
+    horizons: List[HorizonErrors]
 
     @property
     def by_window(self) -> Array:
@@ -91,7 +99,7 @@ def _predict(run: _core.RunData, model: _core.Model, cut: Sequence[_core.Window]
     )
 
 
-def _predict_horizons(run: _core.RunData, model: _core.Model) -> List[Document]:
+def _predict_horizons(run: _core.RunData, model: _core.Model) -> List[HorizonErrors]:
     """Errors of poses predicted over HORIZONS."""
     rows = []
     for seconds in [round(part * windows.time_scale([run]), 9) for part in HORIZONS]:
@@ -99,7 +107,7 @@ def _predict_horizons(run: _core.RunData, model: _core.Model) -> List[Document]:
         with contextlib.suppress(GroundError):  # the run is too short
             chosen = horizon.starts([run], seconds)
             errors = horizon.pose_errors([run], [model] * len(chosen), chosen, seconds)
-        rows.append({"seconds": seconds, "errors": errors})
+        rows.append(HorizonErrors(seconds, errors))
     return rows
 
 
@@ -128,9 +136,9 @@ def _by_channel(values: Array) -> Dict[str, float]:
     return dict(zip(VELOCITY, values.tolist()))
 
 
-def _horizon_numbers(rows: Sequence[Document]) -> Document:
-    errors = np.vstack([r["errors"] for r in rows])
+def _horizon_numbers(rows: Sequence[HorizonErrors]) -> Dict[str, Optional[float]]:
+    errors = np.vstack([r.errors for r in rows])
     found = {"position_mm": None, "heading_deg": None}
     if len(errors):
         found = asdict(horizon.PoseError.of(errors))
-    return {"seconds": rows[0]["seconds"], "starts": len(errors), **found}
+    return {"seconds": rows[0].seconds, "starts": len(errors), **found}

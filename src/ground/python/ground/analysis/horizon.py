@@ -12,7 +12,7 @@ from ground import _core
 from ground.analysis import window_error, windows
 from ground.analysis.likelihood import call
 from ground.poses import angles
-from ground.support.annotations import Array, Document, Indices
+from ground.support.annotations import Array, Indices
 from ground.support.errors import Diverged, GroundError
 from ground.support.records import NULL
 
@@ -181,7 +181,7 @@ class PredictionError:
     disturbed: Optional[PoseError] = None  #: ... and of the random disturbance; None: not known
 
 
-def as_document(found: Optional[PredictionError]) -> Optional[Document]:
+def as_document(found: Optional[PredictionError]) -> Optional[Dict[str, object]]:
     """A PredictionError as a dictionary."""
     return None if found is None else asdict(found)
 

@@ -178,7 +178,7 @@ class Likelihood:
         found = self.residuals(point, run)["constants"]
         return np.array(self.runs[run].times), np.array(found)
 
-    def residuals(self, point: _core.GreyBoxPoint, run: int, **acting: Any) -> Document:
+    def residuals(self, point: _core.GreyBoxPoint, run: int, **acting: Any) -> Dict[str, Array]:
         """GreyBox.residuals; GroundError when the motion is not finite."""
         return call(self.box.residuals, point, run, cap=CAP, **acting)
 

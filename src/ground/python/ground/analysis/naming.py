@@ -6,7 +6,7 @@ likelihood fits all of them in the model. A formula is an effect as model files 
 """
 
 from dataclasses import dataclass, replace
-from typing import Callable, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -16,10 +16,10 @@ from ground.analysis.dictionary import Feature
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.formula_words import FormulaTerm
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
-from ground.analysis.regression import LEVEL, Regression, Term
+from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Memory
+from ground.analysis.search import LEVEL
 from ground.effect_library import candidates
-from ground.support.annotations import Document
 from ground.support.errors import Diverged
 
 NAME = "proposed"  # of the effect
@@ -33,7 +33,7 @@ WIDE = 5.0  # factor by which a fit may change a constant of time
 class Formula:
     """A proposal: an effect that the library does not have."""
 
-    entry: Document  # as model files list effects, its parameters fitted
+    entry: Mapping[str, Any]  # as model files list effects, its parameters fitted
     means: str  # in words
     fit: LikelihoodFit  # of the model with it
     ratio: float  # of the likelihoods with and without it, 2 ln
@@ -173,11 +173,11 @@ def _fitted(
     return Formula(_entry(reached, fit), formula_words.of_pieces(reached, values), fitted, ratio, reached)
 
 
-def _entry(pieces: Sequence[FormulaTerm], fit: LikelihoodFit) -> Document:
+def _entry(pieces: Sequence[FormulaTerm], fit: LikelihoodFit) -> Mapping[str, Any]:
     """The effect of pieces as model files list it, by a name that the model of a LikelihoodFit does not
     have."""
-    expression: Document = {}
-    parameters: Document = {}
+    expression: Dict[str, str] = {}
+    parameters: Dict[str, Dict[str, Union[str, float]]] = {}
     states = {state: rate for piece in pieces for state, rate in piece.states.items()}
     for piece in pieces:
         for channel, text in piece.parts.items():
@@ -196,5 +196,5 @@ def _entry(pieces: Sequence[FormulaTerm], fit: LikelihoodFit) -> Document:
     name = NAME
     while name in fit.model.effects:
         name += "_"
-    entry: Document = {"name": name, "expression": expression, "parameters": parameters}
+    entry: Dict[str, object] = {"name": name, "expression": expression, "parameters": parameters}
     return {"name": name, "states": states, **entry} if states else entry

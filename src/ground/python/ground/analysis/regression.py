@@ -21,10 +21,10 @@ from ground.analysis.distributions import chi_squared_above
 from ground.analysis.innovations import Innovations
 from ground.analysis.missing_wrench import full_scale
 from ground.analysis.samples import Samples
+from ground.analysis.search import LEVEL
 from ground.analysis.window_error import PARTS
 from ground.support.annotations import Array, Flags, Indices
 
-LEVEL = 0.01  # probability that a term is chosen where nothing is missing
 SIZES = np.geomspace(1e-4, 1.0, 17) ** 2  # variances of a term's wrench, over full thrust squared
 DRAWS = 2000
 LEAST = 8.0  # ratio below which a family is not worth its draws

@@ -7,7 +7,7 @@ and from these velocities. Nothing looks ahead.
 
 import re
 from dataclasses import dataclass
-from typing import Any, Dict, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
 from scipy import linalg
@@ -206,7 +206,7 @@ def total(model: _core.Model) -> str:
     return "(%s)" % "+".join(inputs(model))
 
 
-def evaluated(formula: str, known: Mapping[str, Any]) -> Array:
+def evaluated(formula: str, known: Mapping[str, Array]) -> Array:
     """Values (n,) of a formula of the dictionary, never of a user's."""
     value = np.asarray(eval(formula.replace("^", "**"), {"__builtins__": {}, **FUNCTIONS}, known), float)
     return value if value.ndim else np.full(known["t"].shape, value)

@@ -5,6 +5,7 @@ from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 import numpy as np
 
 from ground import _core
+from ground.analysis.distributions import DEVIATIONS
 from ground.analysis.likelihood import Likelihood, LikelihoodFit, is_reciprocal
 from ground.effect_library import candidates as effects
 from ground.effect_library.parameters import ParameterInfo, described
@@ -73,7 +74,7 @@ class ScoreTests:
             if p.name in known and self.seen(name) > UNSEEN:
                 i = known[p.name]
                 deviation = float(self.scale[i] / np.sqrt(self.information[i, i]))
-                low, high = (moved(p, value, side * 1.96 * deviation) for side in (-1, 1))
+                low, high = (moved(p, value, side * DEVIATIONS * deviation) for side in (-1, 1))
                 ci95 = min(low, high), max(low, high)
             told = {"name": p.name, "unit": p.unit, "value": value, "ci95": ci95}
             found.append({**told, "deviation": deviation, "identified": bool(np.isfinite(deviation))})

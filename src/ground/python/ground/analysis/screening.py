@@ -18,9 +18,10 @@ from ground.analysis.channels import Channel
 from ground.analysis.dictionary import Feature
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import Likelihood
-from ground.analysis.regression import LEVEL, Regression
+from ground.analysis.regression import Regression
 from ground.analysis.samples import Samples, Scales, evaluated
 from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
+from ground.analysis.search import LEVEL
 from ground.poses import scatter
 from ground.support.annotations import Array, Indices
 

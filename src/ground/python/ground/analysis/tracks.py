@@ -123,7 +123,7 @@ def _during(rows: Array, began: float, ended: float) -> Array:
     return kept
 
 
-def numbers(track: Track, settled: float = 0.0) -> Document:
+def numbers(track: Track, settled: float = 0.0) -> Dict[str, object]:
     """`summary` of a recorded Track, with when it began, its duration and its controller."""
     if not (track.times >= settled).any():
         raise GroundError("the drive ended before %g s" % settled)
@@ -131,7 +131,7 @@ def numbers(track: Track, settled: float = 0.0) -> Document:
     return dict(summary(track, settled), began=track.began, duration=duration, controller=controller)
 
 
-def summary(track: Track, settled: float = 0.0) -> Document:
+def summary(track: Track, settled: float = 0.0) -> Dict[str, object]:
     """Numbers of a Track from `settled` [s] on: rms, max and final error [m], share of the time in which an
     input is at a bound, mean square of the inputs, share of the wanted inputs outside 0..1 (two thrusters) or
     -1..1, and the largest of them; and compute_ms of the whole drive. None for what was not recorded."""

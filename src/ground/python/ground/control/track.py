@@ -14,7 +14,7 @@ from ground.reports import result_folder
 from ground.simulation import gains as gain_files
 from ground.simulation import laws, listing, tracking
 from ground.support import command_line, files
-from ground.support.annotations import Document, Path
+from ground.support.annotations import Document, Path, Setting
 from ground.support.command_line import count, option, positive, seconds, seed
 from ground.support.errors import GroundError, OptionError, core_errors
 from ground.support.headline import Line
@@ -27,13 +27,12 @@ if TYPE_CHECKING:
 SCHEMA = "ground/tracking/1"
 # Arrays of a Track and their columns; 0: one for each thruster, and the time
 COLUMNS = {"times": 1, "eta": 3, "reference": 2, "inputs": 0, "wanted": 0, "computing": 2}
-DRIVING = "simulating drives"  # stage; unit: a drive
 MAX_STOPS = 5  # stops that are printed
 DETAILS = (
     "\n"
     + listing.references()
     + "\n"
-    + listing.controllers(tracking.CONTROLLERS)
+    + listing.controllers(gain_files.CONTROLLERS)
     + """
 Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file:
 all of it). Without --noise the controller knows the true state at its rate;
@@ -70,7 +69,7 @@ class Tracking(Shown, Plotted):
     caution: str  #: why the craft cannot follow the reference exactly; empty when it can
     remark: str  #: how the controller uses the model's effects; empty when nothing is odd
     effects: Dict[str, List[str]]  #: effects that the controller has used and unused
-    gains: Document  #: parameters of the controller by name
+    gains: Dict[str, Setting]  #: parameters of the controller by name
     seed: Optional[int]
     noise: Optional[bool] = None  #: whether the mocap had noise; None: not recorded
 
@@ -89,7 +88,7 @@ class Tracking(Shown, Plotted):
         """Run, time [s] and reason of each that ended early."""
         return list(self.numbers["stops"])
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """Plain values, as `track --json` prints them but for the names of files."""
         return {
             "seed": self.seed,
@@ -119,11 +118,10 @@ class Tracking(Shown, Plotted):
         runs = []
         for run in document["runs"]:
             width = len(run["inputs"][0]) if run["inputs"] else 3
-            rows: Document = {
-                k: np.array(run[k], float).reshape(-1, count or width) for k, count in COLUMNS.items()
-            }
-            rows.update(times=rows["times"][:, 0], numbers=_endless(run["numbers"]))
-            runs.append(Track(**{**run, **rows}))
+            rows = {k: np.array(run[k], float).reshape(-1, count or width) for k, count in COLUMNS.items()}
+            rows["times"] = rows["times"][:, 0]
+            run.update(rows, numbers=_endless(run["numbers"]))
+            runs.append(Track(**run))
         document.update(runs=runs, numbers=_endless(document["numbers"]), window=tuple(document["window"]))
         document["max_error"] = np.inf if document["max_error"] is None else document["max_error"]
         return cls(**document)
@@ -209,7 +207,7 @@ class _TrackOptions:
     """A controller, a craft, and the conditions of the loop."""
 
     controller: Union[str, laws.Law] = option(
-        "TrajectoryTracking", "control law (%(default)s)", choices=list(tracking.CONTROLLERS)
+        "TrajectoryTracking", "control law (%(default)s)", choices=list(gain_files.CONTROLLERS)
     )
     truth: Optional[ModelLike] = option(None, "true model of the craft (--model)", metavar="T.yaml")
     gains: Optional[gain_files.Gains] = option(
@@ -282,7 +280,7 @@ def track(
         truth = tracking.perturbed(moves.core, dict(options.perturb))
     except ValueError as error:
         raise GroundError("--perturb: %s" % error)
-    use: Document = {"used": [], "unused": [], "remark": ""}
+    use = tracking.EffectUse([], [])
     if own:
         choice: tracking.Controller = laws.CheckedLaw(own, truth)
     else:
@@ -297,7 +295,7 @@ def track(
         given = {**command_line.given(options, ["smooth"]), **listing.reference_settings(options), **settings}
         task = tracking.task(reference, options.settled, options.end_time, **given)
         loop = (truth, believed.core, choice, task, places, conditions, first, work)
-        with work.stage(DRIVING, len(places)):
+        with work.stage("simulating drives", len(places)):
             runs = tracking.many(*loop, rate=options.rate, max_error=options.max_error)
     return Tracking(
         controller=choice.kind,
@@ -307,8 +305,8 @@ def track(
         window=(task.settled, task.until),
         max_error=options.max_error or task.reference.default_max_error(),
         caution=str(task.reference.infeasibility(believed.core)),
-        remark=str(use["remark"]),
-        effects={"used": use["used"], "unused": use["unused"]},
+        remark=use.remark,
+        effects={"used": use.used, "unused": use.unused},
         gains=dict(choice.values),
         seed=options.seed,
         noise=options.noise,
@@ -327,7 +325,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs track; returns what --json prints. GroundError when the controller stopped."""
     refuse_picture(arguments)
     options: _TrackOptions = command_line.options(arguments, TrackOptions)
@@ -340,7 +338,7 @@ def run(arguments: argparse.Namespace) -> Document:
         **found.to_dict(),
     }
 
-    def figure() -> Document:
+    def figure() -> Dict[str, object]:
         from ground.reports import tracking_figures
 
         name = "%s, %s" % (found.controller, found.reference)

@@ -1,7 +1,7 @@
 """identify tracking: how a recorded craft followed its reference (thesis figures 4.6, 4.7)."""
 
 import argparse
-from typing import Iterator, List, Sequence, Tuple
+from typing import Dict, Iterator, List, Sequence, Tuple
 
 from ground.analysis import tracks
 from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
@@ -11,8 +11,6 @@ from ground.reading.recording import Recording
 from ground.support import command_line
 from ground.support.annotations import Document
 from ground.support.headline import formatted
-
-FOLLOWING = "comparing paths with references"  # stage; unit: a recording
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -31,14 +29,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs the verb; returns what --json prints."""
     refuse_picture(arguments)
     room = Room.load(arguments.room) if arguments.room else None
     runs: List[Document] = []
     drawn: List[Tuple[tracks.Track, Document, Recording]] = []
     for recording in bag_arguments.read(arguments):
-        with arguments.work.stage(FOLLOWING):
+        with arguments.work.stage("comparing paths with references"):
             read = tracks.read(recording.path, recording)
         by = {"kind": recording.flown_by.get("controller"), "model": recording.flown_by.get("model")}
         drives = [dict(tracks.numbers(track, arguments.settled), **by) for track in read]
@@ -48,9 +46,9 @@ def run(arguments: argparse.Namespace) -> Document:
         command_line.say(arguments, line)
     for name, drive in ((run["run"], drive) for run in runs for drive in run["drives"]):
         command_line.say_details(arguments, [*[name] * (len(drawn) > 1), *effort_lines(drive)])
-    result: Document = {"settled": arguments.settled, "runs": runs}
+    result: Dict[str, object] = {"settled": arguments.settled, "runs": runs}
 
-    def figure() -> Document:
+    def figure() -> Dict[str, object]:
         from ground.reports import tracking_figures
 
         track, numbers, recording = max(drawn, key=lambda one: float(one[1]["duration"]))

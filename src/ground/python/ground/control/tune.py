@@ -11,7 +11,6 @@ from ground.control.words import metres
 from ground.models import Model
 from ground.simulation import gains, listing, tracking, tuning
 from ground.support import command_line, files
-from ground.support.annotations import Document
 from ground.support.command_line import count, option, seed
 from ground.support.errors import GroundError, core_errors
 from ground.support.headline import formatted
@@ -83,14 +82,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_details(parser)
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs tune; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     options = command_line.options(arguments, TuneOptions)
     model = Model.load(arguments.model).core
     use = tracking.effect_use(options.controller, model)
-    if use["remark"]:
-        command_line.say(arguments, "model: %s" % use["remark"])
+    if use.remark:
+        command_line.say(arguments, "model: %s" % use.remark)
     with core_errors():
         seen = tuning.cells({k: _task(k) for k in options.references}, model)
         unseen = tuning.cells({k: _task(k) for k in options.holdout}, model)
@@ -102,7 +101,7 @@ def run(arguments: argparse.Namespace) -> Document:
         "gains": tuned.gains,
         "output": arguments.output,
         **_result(options, compared, seen + unseen, tried),
-        "effects": {"used": use["used"], "unused": use["unused"]},
+        "effects": {"used": use.used, "unused": use.unused},
     }
     medians = [
         "%s %s" % (c.reference, metres(float(np.median(tuned.errors[c.name]))))
@@ -126,7 +125,7 @@ def run(arguments: argparse.Namespace) -> Document:
     ]
     for line in formatted(head):
         command_line.say(arguments, line)
-    command_line.say_details(arguments, _lines(result))
+    command_line.say_details(arguments, _lines(options, compared, seen + unseen))
     return result
 
 
@@ -179,7 +178,7 @@ def _result(
     compared: Mapping[str, tuning.GainTrial],
     cells: Sequence[tuning.Cell],
     tried: Sequence[tuning.GainTrial],
-) -> Document:
+) -> Dict[str, object]:
     table = [
         {
             "reference": cell.reference,
@@ -198,19 +197,20 @@ def _result(
     }
 
 
-def _lines(result: Document) -> Iterator[str]:
+def _lines(
+    options: TuneOptions, compared: Mapping[str, tuning.GainTrial], cells: Sequence[tuning.Cell]
+) -> Iterator[str]:
     """What tune prints."""
-    names = list(result["saturated"])
     labels = [
-        "%s%s, %s" % (row["reference"], " *" if row["held_out"] else "", row["condition"])
-        for row in result["table"]
+        "%s%s, %s" % (cell.reference, "" if cell.reference in options.references else " *", cell.condition)
+        for cell in cells
     ]
-    form = "%%-%ds" % (2 + max(map(len, labels))) + "%24s" * len(names)
-    yield "error rms, median (95%%) of %d fresh starts" % result["test_starts"]
-    yield form % ("", *names)
-    for label, row in zip(labels, result["table"]):
-        found = [row["rms"][name] for name in names]
+    form = "%%-%ds" % (2 + max(map(len, labels))) + "%24s" * len(compared)
+    yield "error rms, median (95%%) of %d fresh starts" % options.test_starts
+    yield form % ("", *compared)
+    for label, cell in zip(labels, cells):
+        found = [tracking.quantiles(one.errors[cell.name]) for one in compared.values()]
         yield form % (label, *("%s (%s)" % (metres(q["median"]), metres(q["p95"])) for q in found))
-    yield form % ("saturated", *("%.1f%%" % (100 * result["saturated"][n]) for n in names))
-    yield form % ("effort", *("%.3f" % result["effort"][n] for n in names))
+    yield form % ("saturated", *("%.1f%%" % (100 * one.saturated) for one in compared.values()))
+    yield form % ("effort", *("%.3f" % one.effort for one in compared.values()))
     yield "* not used by the search"

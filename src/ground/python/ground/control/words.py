@@ -2,7 +2,7 @@
 
 import argparse
 import math
-from typing import Callable, Iterator
+from typing import Callable, Dict, Iterator
 
 from ground.support import files
 from ground.support.annotations import Document
@@ -46,7 +46,9 @@ def refuse_picture(arguments: argparse.Namespace) -> None:
         files.refuse_existing(arguments.picture, arguments.force)
 
 
-def draw(arguments: argparse.Namespace, figure: Callable[[], Document], result: Document) -> None:
+def draw(
+    arguments: argparse.Namespace, figure: Callable[[], Dict[str, object]], result: Dict[str, object]
+) -> None:
     """Writes the picture that was asked for, and its name into the result."""
     if not arguments.picture:
         return

@@ -3,7 +3,7 @@
 import argparse
 import os
 from dataclasses import dataclass
-from typing import Any, Callable, Iterator, List, Sequence, Tuple, Type
+from typing import Any, Callable, Dict, Iterator, List, Sequence, Tuple, Type
 
 from ground.data import measured as api
 from ground.data import read as reader
@@ -134,7 +134,9 @@ def configure_fit(parser: argparse.ArgumentParser, model: str, output: str, kind
     command_line.add_details(parser)
 
 
-def run_fit(arguments: argparse.Namespace, fit: Callable[..., Any], kind: Type[Any], *given: str) -> Document:
+def run_fit(
+    arguments: argparse.Namespace, fit: Callable[..., Any], kind: Type[Any], *given: str
+) -> Dict[str, object]:
     """Runs such a verb; given: what `fit` takes between model and recordings."""
     files.refuse_existing(arguments.output, arguments.force)
     found = fit(

@@ -9,7 +9,7 @@ import numpy as np
 from ground.reading import containers, messages
 from ground.reading.recording import checked
 from ground.support import command_line, files
-from ground.support.annotations import Array, Document, Indices
+from ground.support.annotations import Array, Indices
 from ground.support.errors import GroundError
 from ground.support.headline import formatted
 from ground.support.progress import Work
@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite the bag")
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs the verb; returns what --json prints."""
     output = arguments.output
     files.refuse_existing(output, arguments.force)

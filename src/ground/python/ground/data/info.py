@@ -4,7 +4,7 @@ import argparse
 import math
 import os
 import shlex
-from typing import Iterator, List, Sequence
+from typing import Dict, Iterator, List, Sequence
 
 from ground.checks import findings, imitations, layouts, suspicions
 from ground.data import bag_arguments
@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite the mapping file")
 
 
-def run(arguments: argparse.Namespace) -> List[Document]:
+def run(arguments: argparse.Namespace) -> List[Dict[str, object]]:
     """Runs the verb; returns what --json prints."""
     if arguments.output:
         return _write_mapping(arguments)
@@ -108,7 +108,7 @@ def _from(mapping_file: str, path: str) -> str:
     return path if os.path.isabs(path) else os.path.relpath(path, folder)
 
 
-def _write_mapping(arguments: argparse.Namespace) -> List[Document]:
+def _write_mapping(arguments: argparse.Namespace) -> List[Dict[str, object]]:
     """Drafts a mapping file."""
     path, output = arguments.bags[0], arguments.output
     files.refuse_existing(output, arguments.force)

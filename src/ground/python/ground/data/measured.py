@@ -2,7 +2,7 @@
 
 import functools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence
+from typing import TYPE_CHECKING, Dict, List, Optional, Sequence
 
 from ground import _core
 from ground.data import voltage
@@ -64,7 +64,7 @@ def _smoothed_alike(found: Sequence[Recording], others: Sequence[Recording]) -> 
     ]
 
 
-def _repaired(thrusters: "suspicions.Thrusters", recording: Recording) -> Dict[str, Any]:
+def _repaired(thrusters: "suspicions.Thrusters", recording: Recording) -> Dict[str, object]:
     """What a Recording knows when it has been repaired and looked at."""
     from ground.checks import quality, suspicions
 

@@ -99,7 +99,7 @@ class Analyst:
     def _prepare(self) -> None:
         """Computes what is known before the first flight."""
         first = [
-            (piece, pieces.motion(piece, self.given, self.room, 0.0, NOISE))
+            (piece, pieces.motion(piece, self.given, self.room, NOISE))
             for piece in pieces.pieces(self.given, 1)
         ]
         self.overview = pieces.together([motion for _, motion in first])
@@ -190,7 +190,7 @@ class Analyst:
         with work.stage("simulating flights to choose from", len(all_pieces)):
             for piece in work.each(all_pieces):
                 try:
-                    motion = pieces.motion(piece, basis.model, self.room, 0.0, NOISE)
+                    motion = pieces.motion(piece, basis.model, self.room, NOISE)
                     found.append(self._offer(piece, motion, basis, levels, varying))
                 except Diverged:
                     continue  # by this model its motion is not finite

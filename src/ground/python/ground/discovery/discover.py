@@ -15,7 +15,7 @@ from ground.models import Model, ModelLike, Room, RoomLike
 from ground.simulation import experiments
 from ground.simulation import simulate as simulating
 from ground.support import command_line
-from ground.support.annotations import Document, Path
+from ground.support.annotations import Path
 from ground.support.command_line import option, seed
 from ground.support.errors import GroundError, OptionError
 from ground.support.headline import Line
@@ -25,7 +25,6 @@ from ground.support.results import Plotted, Shown
 if TYPE_CHECKING:
     import pandas
 
-FLYING = "discovering"  # stage; unit: a second of flight
 REST = 2.0  # length of a simulation that checks the conditions [s]
 DETAILS = """
 The craft flies bursts of inputs in a room, without ROS and faster than real time. All flights so far
@@ -108,7 +107,7 @@ class Discovery(Shown, Plotted):
         page = os.path.join(place, "report.html")
         return cls.of(story, model, page if os.path.isfile(page) else "")
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """Plain values, as journal.json has them."""
         return self.story.to_dict()
 
@@ -182,7 +181,7 @@ def discover(
         if told is not None:
             told(story)
 
-    with work.stage(FLYING, round(options.budget)):
+    with work.stage("discovering", round(options.budget)):  # a unit is a second of flight
         flying = campaign.FlightCampaign(given.core, laboratory, settings, kept, listen, work=work.quiet())
         listen(flying.story)
         story = flying.run()
@@ -211,7 +210,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_details(parser)
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify discover; returns what --json prints."""
 
     def say(text: str) -> None:

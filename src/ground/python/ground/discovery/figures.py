@@ -1,7 +1,7 @@
 """Figures of a discovery (plotly figures, as in ground.reports.figures)."""
 
 import math
-from typing import List, Mapping, Optional, Sequence
+from typing import Dict, List, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -13,13 +13,13 @@ from ground.reports.appearance import FLOOR, LESS, MARKS, MEASURED, MODELS, WARN
 from ground.reports.figure_parts import X_AXIS, Y_AXIS, curve, every_so_many, fewer, points, short, walls
 from ground.reports.panels import Panels
 from ground.reports.words import millimetres
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array
 
 ROOM_ABOVE = 1.6  # largest error that the axis has room for, over the largest that is drawn
 MIN_ERROR = 1e-3  # smallest error that is drawn [mm]
 
 
-def errors(story: Story) -> Optional[Document]:
+def errors(story: Story) -> Optional[Dict[str, object]]:
     """The error of each model on each flight, and the floor of noise; None before a
     flight has any."""
     flights = [flown for flown in story.flights if flown.errors]
@@ -99,7 +99,7 @@ def flight(
     inputs: Optional[Array],
     thrusters: Sequence[str] = (),
     room: Optional[_core.RoomPlan] = None,
-) -> Optional[Document]:
+) -> Optional[Dict[str, object]]:
     """A flight seen from above, planned and flown, and its inputs; None when there is nothing to draw.
 
     flown: None before it was flown; inputs: (n, 2 + thrusters) time [s], inputs of the thrusters (of
@@ -131,7 +131,7 @@ def flight(
     return figure.finish(400, caption, {"t": 40})
 
 
-def _path(path: Sequence[Point], name: str, line: Mapping[str, object]) -> Document:
+def _path(path: Sequence[Point], name: str, line: Mapping[str, object]) -> Dict[str, object]:
     rows = np.array(path, float)
     times, x, y = fewer(list(rows.T), every_so_many(rows).step)
     hover = "%{customdata:.2f} s: x %{y:.3f} m, y %{x:.3f} m"

@@ -4,6 +4,7 @@ It is made from the Story and the files of its folder, at any time of a discover
 """
 
 import os
+from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from ground.discovery.story import (
 from ground.effect_library.parameters import described
 from ground.reports import appearance, page
 from ground.reports.words import sentence
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array
 
 NAME = "report.html"  # in the folder of a discovery
 MAX_OPEN = 8  # flights that are all shown at once
@@ -95,7 +96,7 @@ def _values(model: Optional[_core.Model]) -> Dict[str, str]:
     return {name: "%.4g" % model.value(name) for name in described(model)} if model else {}
 
 
-def _beliefs(story: Story, given: Optional[_core.Model]) -> Document:
+def _beliefs(story: Story, given: Optional[_core.Model]) -> Dict[str, object]:
     """The table of the belief in each effect after each of the latest diagnoses, the likeliest first."""
     findings = [finding for finding in story.findings if finding.beliefs][-MAX_DIAGNOSES:]
     after = [{belief.effect: belief for belief in finding.beliefs} for finding in findings]
@@ -124,9 +125,22 @@ def _percent(belief: Optional[Belief]) -> str:
     return "" if belief is None or belief.state == SLIGHT else "%.1f%%" % (100 * belief.probability)
 
 
+@dataclass
+class ShownFlight:
+    """What is shown of a flight."""
+
+    name: str
+    beside: str
+    lines: List[str] = field(default_factory=list)
+    finding: Optional[Finding] = None
+    shut: bool = False
+    why: str = ""
+    drawn: Any = None  # figure
+
+
 def _flights(
     story: Story, folder: str, given: Optional[_core.Model], room: Optional[_core.RoomPlan]
-) -> List[Document]:
+) -> List[ShownFlight]:
     """What is shown of each flight, and of the one that is planned."""
     findings = {finding.after: finding for finding in story.findings}
     shown: List[Tuple[Flight, Optional[Flown]]] = [(flown.flight, flown) for flown in story.flights]
@@ -135,18 +149,18 @@ def _flights(
         plan = story.planned
         beside = "%s; planned, %.0f s" % (plan.purpose, plan.duration)
         shown.append((plan, None))
-        found.append({"name": "Next: flight %d" % plan.number, "beside": beside, "lines": []})
+        found.append(ShownFlight("Next: flight %d" % plan.number, beside))
     thrusters = [str(t["name"]).replace("_", " ") for t in given.thrusters] if given else []
     for (plan, flown), one in zip(shown, found):
-        one["why"] = sentence(plan.why or "it %s" % words.PURPOSES.get(plan.purpose, plan.purpose))
+        one.why = sentence(plan.why or "it %s" % words.PURPOSES.get(plan.purpose, plan.purpose))
         if plan.reference:
-            one["why"] += " Reference: %s of %.2g m." % (plan.reference, plan.size)
+            one.why += " Reference: %s of %.2g m." % (plan.reference, plan.size)
         inputs = _inputs(_place(folder, plan.inputs), len(thrusters))
-        one["drawn"] = figures.flight(plan, flown, inputs, thrusters, room)
+        one.drawn = figures.flight(plan, flown, inputs, thrusters, room)
     return found
 
 
-def _flight(story: Story, flown: Flown, finding: Optional[Finding]) -> Document:
+def _flight(story: Story, flown: Flown, finding: Optional[Finding]) -> ShownFlight:
     """The texts of a flight that was flown."""
     plan, lines = flown.flight, []
     beside = "%s; %.1f s" % (plan.purpose, flown.seconds)
@@ -167,8 +181,7 @@ def _flight(story: Story, flown: Flown, finding: Optional[Finding]) -> Document:
     # If there are many flights, only those that changed what is known, or tested it, are open.
     is_news = finding is not None and finding.effects != (known[-1] if known else [])
     shut = len(story.flights) > MAX_OPEN and plan.purpose not in (CONFIRM, TRACK) and not is_news
-    name = "Flight %d" % plan.number
-    return {"name": name, "beside": beside, "lines": lines, "finding": finding, "shut": shut}
+    return ShownFlight("Flight %d" % plan.number, beside, lines, finding, shut)
 
 
 def _inputs(path: str, thrusters: int) -> Optional[Array]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ground import _core
 from ground.simulation.designs import designs
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array
 
 SECONDS = 4.0  # length of a piece [s]
 REACH = 0.55  # way from home at which a burst is expected to end, as share of the room's clearance
@@ -54,12 +54,12 @@ def joined(chosen: Sequence[Piece], lift_time: float) -> Array:
     return np.vstack([*parts, off])
 
 
-def motion(piece: Piece, model: _core.Model, room: _core.RoomPlan, heading: float, noise: Array) -> Motion:
+def motion(piece: Piece, model: _core.Model, room: _core.RoomPlan, noise: Array) -> Motion:
     """The motion that a model expects of a Piece, played in bursts that begin at home, as
     _core.RunData, and the time that it takes with its returns [s]. noise: of the poses (3,) [m],
     [m], [rad]. Raises GroundError when the motion is not finite."""
     reach = REACH * room.clearance(room.home)
-    home = np.array([*room.home, heading])
+    home = np.array([*room.home, 0.0])
     played, began = 0.0, 0.0  # inputs so far [s]; clock of the flight [s]
     times, eta, nu, inputs = [], [], [], []
     while played < SECONDS - 0.1:
@@ -71,7 +71,7 @@ def motion(piece: Piece, model: _core.Model, room: _core.RoomPlan, heading: floa
             found = _core.simulate(model, scaled, at, home, np.zeros(3))
         except RuntimeError:  # its motion is not finite
             break
-        kept = max(10, _inside(found, home, reach))
+        kept = max(10, _inside(found["eta"], found["nu"], home, reach))
         times.append(began + at[:kept])
         eta.append(found["eta"][:kept])
         nu.append(found["nu"][:kept])
@@ -114,9 +114,8 @@ def _from(rows: Array, start: float) -> Array:
     return left
 
 
-def _inside(found: Document, home: Array, reach: float) -> int:
+def _inside(eta: Array, nu: Array, home: Array, reach: float) -> int:
     """Number of samples until the craft would have to turn back."""
-    eta, nu = found["eta"], found["nu"]
     c, s = np.cos(eta[:, 2]), np.sin(eta[:, 2])
     moving = np.column_stack([c * nu[:, 0] - s * nu[:, 1], s * nu[:, 0] + c * nu[:, 1]])
     away = np.linalg.norm(eta[:, :2] + STOPPING * moving - home[:2], axis=1)

@@ -19,9 +19,6 @@ from ground.support import files
 from ground.support.annotations import Array
 from ground.support.errors import core_errors
 
-MOST = 4.0  # longest flight, in lengths of its inputs
-PATH_STEP = 0.1  # between points of a path [s]
-
 
 class SimulatedLaboratory:
     """A craft that moves by the model `truth`, in a room. folder: recordings are kept there as bags;
@@ -123,7 +120,7 @@ def path_of(params: _core.ExcitationParams, model: _core.Model, pose: Array) -> 
     with core_errors():
         log = _core.excite(model, model, params, pose, np.zeros(3), mocap, 1)
     rows = log["truth"]
-    every = max(1, round(PATH_STEP * mocap.rate))
+    every = max(1, round(tracking.PATH_STEP * mocap.rate))
     return [(float(t), float(x), float(y)) for t, x, y in rows[::every, :3]]
 
 
@@ -131,7 +128,7 @@ def excitation(room: _core.RoomPlan, inputs: Array, path: str) -> _core.Excitati
     """The ExcitationParams that play a file of inputs in bursts between returns home."""
     params = _core.ExcitationParams()
     params.design = experiments.design_params("file", file=path)
-    params.duration, params.room = MOST * float(inputs[-1, 0]), room
+    params.duration, params.room = experiments.WITH_RETURNS * float(inputs[-1, 0]), room
     params.life.lift_time = 0.0  # the inputs begin with lift alone
     return params
 

@@ -7,8 +7,6 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Tuple, Union, get_args, get_origin, get_type_hints
 
-from ground.support.annotations import Document
-
 SCHEMA = "ground/discovery/1"
 
 # Purposes of a flight
@@ -98,7 +96,7 @@ class Finding:
     # What effects mean that the library does not have: those found and those proposed
     words: Dict[str, str] = field(default_factory=dict)
     # horizon.PredictionError as a dictionary, of the diagnosis; None: not known
-    prediction: Optional[Dict[str, Any]] = None
+    prediction: Optional[Dict[str, object]] = None
 
 
 @dataclass(frozen=True)
@@ -164,12 +162,12 @@ class Story:
         """The Version of a label."""
         return next(version for version in self.versions if version.label == label)
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """Plain values, as journal.json has them."""
         return {"schema": SCHEMA, **dataclasses.asdict(self)}
 
     @staticmethod
-    def from_dict(document: Document) -> "Story":
+    def from_dict(document: object) -> "Story":
         """The Story of plain values; KeyError or TypeError when they are not a story's."""
         found: Story = _read(Story, document)
         return found

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Callable, Dict, Iterator, List, Optional, Sequence
+from typing import Callable, Dict, Iterator, List, Mapping, Optional, Sequence
 
 import yaml
 
@@ -100,7 +100,7 @@ def text_of(path: str) -> str:
         raise GroundError("%s: cannot be read (%s)" % (path, error))
 
 
-def from_entry(entry: Document, source: str, model: Optional[_core.Model] = None) -> Candidate:
+def from_entry(entry: Mapping[str, object], source: str, model: Optional[_core.Model] = None) -> Candidate:
     """The Candidate of an effect as a model file lists it; see from_text."""
     return from_text(yaml.safe_dump(entry, sort_keys=False), source, model)
 

@@ -71,7 +71,7 @@ class Effect(Shown):
         *,
         force: Optional[Callable[..., Any]] = None,
         frame: str = "body",
-        states: Mapping[str, Union[str, Document]] = {},
+        states: Mapping[str, Union[str, Dict[str, object]]] = {},
         thrust: Mapping[str, str] = {},
         **parameters: Any,
     ) -> None:
@@ -167,7 +167,7 @@ class Effect(Shown):
     def parameters(self) -> Dict[str, EffectParameter]:
         """Its parameters by name."""
         if "expression" in self.entry:
-            given: Document = self.entry.get("parameters", {})
+            given = self.entry.get("parameters", {})
             return {
                 key: EffectParameter(
                     str(p.get("unit", "")), p.get("value", 0.0), p.get("neutral", 0.0), p.get("doc", "")
@@ -269,7 +269,7 @@ def _listed(parameters: Mapping[str, EffectParameter]) -> str:
     return ", ".join(texts[:MAX_LISTED]) + (" and %d more" % more if more > 0 else "")
 
 
-def _described(effect: str, name: str, given: Any) -> Document:
+def _described(effect: str, name: str, given: Any) -> Dict[str, object]:
     """A parameter as model files have it."""
     if isinstance(given, Mapping):
         return dict(given)

@@ -54,7 +54,7 @@ class TracedSymbol(np.lib.mixins.NDArrayOperatorsMixin):
     __index__ = __int__ = __len__ = __iter__ = __float__
 
 
-def _called(name: str, given: Sequence[Any], options: Mapping[str, Any]) -> TracedSymbol:
+def _called(name: str, given: Sequence[Any], options: Mapping[str, object]) -> TracedSymbol:
     """What a function of numpy makes of symbols and numbers."""
     form = FORMS.get(name, "")
     if options or not form or form.count("%s") != len(given):

@@ -3,7 +3,6 @@
 import ast
 from typing import Dict, Mapping, Optional, Sequence, Tuple
 
-from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
 Unit = Tuple[int, int, int]  # powers of N, m, s; an angle has none
@@ -17,7 +16,7 @@ SAME = ("abs", "min", "max")  # functions whose result has the unit of their arg
 LONGEST = 2000  # characters of a formula
 
 
-def parameters(formulas: Mapping[str, str], commands: Sequence[str]) -> Document:
+def parameters(formulas: Mapping[str, str], commands: Sequence[str]) -> Dict[str, str]:
     """The parameters of formulas by channel (X, Y, N): those names that are not variables, with their units
     where a product tells them ("?" elsewhere). commands: names of the inputs. GroundError says what is not a
     formula, or where units differ."""

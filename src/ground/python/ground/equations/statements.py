@@ -1,11 +1,10 @@
 """A model's equations, as the core writes them down, in statements of a language."""
 
 import keyword
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Callable, Dict, Iterable, List, Mapping, Sequence, Set, Tuple
 
 from ground import _core
-from ground.support.annotations import Document
 
 LONGEST = 80  # expression that is not given a name of its own [characters]
 POSE_AND_VELOCITY = ("x", "y", "psi", "u", "v", "r")
@@ -42,16 +41,30 @@ class Function:
     used: Set[str]  #: labels of the symbols that they contain
 
 
+@dataclass(frozen=True)
+class Places:
+    """Places of what the equations give, among the operations."""
+
+    motion: List[int]
+    measured: List[int]
+    delay: int
+    # Where commands pass actuators
+    nodes: List[List[int]] = field(default_factory=list)
+    now: List[int] = field(default_factory=list)
+    after: List[int] = field(default_factory=list)
+    rates: List[int] = field(default_factory=list)
+
+
 class Equations:
     """The equations of a model: _core.equations, with names for code."""
 
     def __init__(self, core: _core.Model, reserved: Iterable[str] = ()) -> None:
         """Raises ValueError for an effect that cannot be written down. reserved: names with a meaning in
         the code."""
-        found: Document = _core.equations(core)
+        found = _core.equations(core)
         self.core: _core.Model = found["model"]  #: with the effects that act
         self.initial: List[float] = found["initial"]  #: states of effects before the first command
-        self.outputs: Document = found["outputs"]
+        self.outputs = Places(**found["outputs"])
         self._operations: List[Tuple[str, str, List[int], float]] = found["operations"]
         self._taken = {*reserved, *keyword.kwlist}
         self.symbols: Dict[str, Symbol] = {"t": Symbol("t", "t"), "dt": Symbol("dt", "dt")}
@@ -64,12 +77,12 @@ class Equations:
     @property
     def is_actuated(self) -> bool:
         """Whether commands pass actuators before they act."""
-        return "nodes" in self.outputs
+        return bool(self.outputs.nodes)
 
     @property
     def delays(self) -> bool:
         """Whether inputs act late."""
-        return bool(self._operations[self.outputs["delay"]][3] != 0)
+        return bool(self._operations[self.outputs.delay][3] != 0)
 
     def function(self, places: Sequence[int], language: Language) -> Function:
         """The statements that compute the operations at some places, each with one name."""

@@ -2,8 +2,8 @@
 
 import os
 import re
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Iterator, List, Optional, Sequence, Tuple
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple
 
 import jinja2
 
@@ -12,7 +12,7 @@ from ground.effect_library.parameters import described
 from ground.equations import checks, languages
 from ground.equations.statements import Equations, Function, Language, Symbol
 from ground.support import files, origin
-from ground.support.annotations import Document, Path
+from ground.support.annotations import Path
 from ground.support.errors import GroundError, core_errors
 from ground.support.headline import Line
 from ground.support.results import Shown
@@ -73,7 +73,7 @@ class ExportedModel(Shown):
         rows = [(kind, *item[::-1]) for kind, names in self._groups() for item in enumerate(names)]
         return pandas.DataFrame(rows, columns=["kind", "name", "index"]).set_index(["kind", "name"])
 
-    def to_dict(self) -> Document:
+    def to_dict(self) -> Dict[str, object]:
         """Plain values, as `identify export --json` prints them."""
         return asdict(self)
 
@@ -173,53 +173,75 @@ def _ranges(core: _core.Model) -> List[str]:
     return [": thruster, %s" % end for end in ends] + [": lift fan, 0 to 1"]
 
 
-def _functions(equations: Equations, language: Language) -> Document:
+@dataclass(frozen=True)
+class UsedSymbol:
+    """A symbol that a function uses, and its place in the argument."""
+
+    name: str
+    identifier: str
+    index: int
+
+
+@dataclass
+class WrittenFunction:
+    """A function of the code, for its template: its statements, and what they use of its arguments."""
+
+    states: List[UsedSymbol]
+    inputs: List[UsedSymbol]
+    parameters: List[UsedSymbol]
+    lines: List[str]
+    outputs: List[str]
+    unused: List[str]  # arguments
+    # Parts of the outputs, where commands pass actuators
+    nodes: List[List[str]] = field(default_factory=list)
+    after: List[str] = field(default_factory=list)
+    now: List[str] = field(default_factory=list)
+    rates: List[str] = field(default_factory=list)
+
+    @property
+    def chooses(self) -> bool:
+        """Whether it depends on conditions."""
+        return any("where(" in text for text in [*self.lines, *self.outputs])
+
+
+def _functions(equations: Equations, language: Language) -> Dict[str, WrittenFunction]:
     """The functions of the code, for its template."""
 
-    def written(places: Sequence[int], *arguments: str) -> Document:
-        return _described(equations, equations.function(places, language), arguments)
+    def written(places: Sequence[int], *arguments: str) -> WrittenFunction:
+        return _written(equations, equations.function(places, language), arguments)
 
     outputs = equations.outputs
-    found: Document = {
-        "motion": written(outputs["motion"], "state", "inputs", "t", "p"),
-        "measured": written(outputs["measured"], "state", "p"),
-        "delay": written([outputs["delay"]], "p"),
+    found = {
+        "motion": written(outputs.motion, "state", "inputs", "t", "p"),
+        "measured": written(outputs.measured, "state", "p"),
+        "delay": written([outputs.delay], "p"),
     }
     if equations.is_actuated:
-        nodes, now = outputs["nodes"], outputs["now"]
+        nodes, now = outputs.nodes, outputs.now
         places = [place for node in nodes for place in node]
-        step = written([*places, *outputs["after"]], "state", "inputs", "dt", "p")
+        step = written([*places, *outputs.after], "state", "inputs", "dt", "p")
         width = len(nodes[0])
-        step["nodes"] = [step["outputs"][i * width : (i + 1) * width] for i in range(len(nodes))]
-        step["after"] = step["outputs"][len(places) :]
-        at_once = written([*now, *outputs["rates"]], "state", "inputs", "p")
-        at_once["now"] = at_once["outputs"][: len(now)]
-        at_once["rates"] = at_once["outputs"][len(now) :]
+        step.nodes = [step.outputs[i * width : (i + 1) * width] for i in range(len(nodes))]
+        step.after = step.outputs[len(places) :]
+        at_once = written([*now, *outputs.rates], "state", "inputs", "p")
+        at_once.now, at_once.rates = at_once.outputs[: len(now)], at_once.outputs[len(now) :]
         found.update(step=step, at_once=at_once)
     return found
 
 
-def _described(equations: Equations, function: Function, arguments: Sequence[str]) -> Document:
-    """A function for a template: its statements, and what they use of its arguments."""
-
-    def used(kind: str, symbols: Sequence[Symbol]) -> List[Document]:
+def _written(equations: Equations, function: Function, arguments: Sequence[str]) -> WrittenFunction:
+    def used(kind: str, symbols: Iterable[Symbol]) -> List[UsedSymbol]:
         return [
-            {"name": symbol.name, "identifier": symbol.identifier, "index": index}
+            UsedSymbol(symbol.name, symbol.identifier, index)
             for index, symbol in enumerate(symbols)
             if "%s %s" % (kind, symbol.name) in function.used
         ]
 
-    found: Document = {
-        "states": used("state", equations.states),
-        "inputs": used("input", equations.inputs),
-        "parameters": used("parameter", list(equations.parameters.values())),
-        "lines": function.lines,
-        "outputs": function.outputs,
-    }
-    found["chooses"] = any("where(" in text for text in [*function.lines, *function.outputs])
-    needed = {"state": found["states"], "inputs": found["inputs"], "p": found["parameters"]}
-    found["unused"] = [a for a in arguments if not needed.get(a, a in function.used)]
-    return found
+    states, inputs = used("state", equations.states), used("input", equations.inputs)
+    parameters = used("parameter", equations.parameters.values())
+    needed = {"state": states, "inputs": inputs, "p": parameters}
+    unused = [a for a in arguments if not needed.get(a, a in function.used)]
+    return WrittenFunction(states, inputs, parameters, function.lines, function.outputs, unused)
 
 
 def _safe(text: str) -> str:

@@ -4,18 +4,19 @@ An input schedule is an array of rows time [s], left, right, lift (0..1), each h
 Everything runs in process, without ROS, and depends only on its arguments.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from ground import _core
 from ground.simulation.simulated_run import SimulatedRun
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array
 from ground.support.errors import GroundError, core_error, core_errors
 
 START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # time recorded at rest, before the lift is on [s]
+WITH_RETURNS = 4  # longest experiment with bursts and returns, in lengths of the inputs
 TAIL = 0.5  # time recorded after the thrusters are off [s]
 LONGEST = 3600.0  # longest input [s]
 
@@ -26,6 +27,22 @@ class Schedule:
 
     rows: Array
     end: float
+
+
+@dataclass(frozen=True)
+class DriveLog:
+    """What the core logs of a simulated drive. Rows begin with a time since it began [s]."""
+
+    frames: Array  # (n, 5) captured, delivered [s], pose
+    commands: Array  # of the controller
+    sent: Array  # commands that have left for the craft; empty in open loop
+    truth: Array  # pose, velocity, acceleration, wrench of the disturbance, voltage
+    references: Array  # position and its derivatives
+    decisions: Array  # stamp of the state, CPU time [s], inputs, the same before saturation
+    marks: Sequence[Tuple[float, int, bool, str]]  # number, whether a burst begins, reason
+    stages: Sequence[Tuple[float, str, str]]  # state of the controller, reason
+    stopped: str  # why it stopped early; empty if it did not
+    stopped_at: float
 
 
 # What drives a craft: inputs, or a controller in the loop.
@@ -137,7 +154,7 @@ def simulate(
         )
     except RuntimeError as error:
         raise core_error(error, name)
-    delivered, frames = len(log["frames"]), len(log["truth"])
+    delivered, frames = len(log.frames), len(log.truth)
     if delivered < 2:
         raise GroundError(
             "%s: only %d of %d mocap frames were delivered; there is nothing to record"
@@ -145,28 +162,31 @@ def simulate(
         )
     found = _recorded(log, name, "simulated with %s" % model.name)
     if battery[0] > 0 and plant is None:
-        found = found.with_voltage(log["truth"][:, 13], seed)
+        found = found.with_voltage(log.truth[:, 13], seed)
     return replace(found, channels=tuple(model.channels), lift_channel=model.channels[-1])
 
 
-def _log(model: _core.Model, drive: Drive, believed: _core.Model, *where: Any) -> Document:
+def _log(model: _core.Model, drive: Drive, believed: _core.Model, *where: Any) -> DriveLog:
     """The core's log; where: pose, velocity, mocap, seed, disturbance, plant, battery."""
     if isinstance(drive, Schedule):
-        return _core.play_schedule(model, drive.rows, drive.end, *where)
+        return logged(_core.play_schedule(model, drive.rows, drive.end, *where))
     if isinstance(drive, _core.ExcitationParams):
-        return _core.excite(model, believed, drive, *where)
-    return _core.track_reference(model, believed, drive, *where)
+        return logged(_core.excite(model, believed, drive, *where))
+    return logged(_core.track_reference(model, believed, drive, *where))
 
 
-def _recorded(log: Document, name: str, source: str) -> SimulatedRun:
+def logged(found: Any) -> DriveLog:
+    """The DriveLog of a dictionary from the core."""
+    return DriveLog(*(found[one.name] for one in fields(DriveLog)))
+
+
+def _recorded(log: DriveLog, name: str, source: str) -> SimulatedRun:
     """The run on the clock of a recording."""
-    frames, truth, commands = log["frames"], log["truth"], log["commands"]
+    frames, truth, commands = log.frames, log.truth, log.commands
     commands[:, 0] += START
-    sent = log["sent"]
+    sent, references, decided = log.sent, log.references, log.decisions
     sent[:, 0] += START
-    references = log["references"]
     references[:, 0] += START
-    decided = log["decisions"]
     wanted = decided[:, (3 + decided.shape[1]) // 2 :]
     decisions = np.column_stack([START + decided[:, :2], decided[:, 2], wanted])
     return SimulatedRun(
@@ -185,7 +205,7 @@ def _recorded(log: Document, name: str, source: str) -> SimulatedRun:
         truth_wrench=truth[:, 10:13],
         references=references,
         decisions=decisions,
-        marks=[(START + t, number, burst, why) for t, number, burst, why in log["marks"]],
-        stages=[(START + t, state, reason) for t, state, reason in log["stages"]],
-        stopped=log["stopped"],
+        marks=[(START + t, number, burst, why) for t, number, burst, why in log.marks],
+        stages=[(START + t, state, reason) for t, state, reason in log.stages],
+        stopped=log.stopped,
     )

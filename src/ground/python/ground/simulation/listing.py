@@ -1,17 +1,16 @@
 """The core's tables of controllers and references: as options, and as text for --help."""
 
 import textwrap
-from typing import Any, Iterable, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
 
 from ground import _core
 from ground.simulation import gains, tracking, tuning
 from ground.support import command_line
-from ground.support.annotations import Document, Setting
+from ground.support.annotations import Setting
 from ground.support.command_line import number, option
 
 NAMES = ("size", "rate_of_turn", "petals", "speed")  # parameters of references that are options
 PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set parameters of references
-REFERENCE = (*NAMES, *PLACES)
 WIDTH = 79  # longest line [characters]
 
 
@@ -56,9 +55,9 @@ def reference_fields() -> Iterator[Tuple[str, Any, Any]]:
         yield place, Any, option(None, help, type=number, nargs=2, metavar=("X", "Y"), group="tracking")
 
 
-def reference_settings(options: Any) -> Document:
+def reference_settings(options: Any) -> Dict[str, float]:
     """The parameters of references that options set."""
-    settings: Mapping[str, Any] = command_line.given(options, REFERENCE)
+    settings = command_line.given(options, (*NAMES, *PLACES))
     found = {name: settings[name] for name in NAMES if name in settings}
     for place, names in PLACES.items():
         found.update(zip(names, settings.get(place, ())))

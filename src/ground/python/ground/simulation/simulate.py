@@ -30,8 +30,6 @@ DESIGNS = {info.name: info for info in _core.design_table()}
 KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]
 DURATION = 20.0  # [s]
 ARRAY = "array"  # rows of inputs that a caller gives
-WITH_RETURNS = 4  # longest experiment with bursts and returns, in lengths of the timed rows
-SIMULATING = "simulating"  # stage
 
 # Options that belong to some inputs only, by the part that they belong to
 LIFT = ("lift", "lift_time")
@@ -177,7 +175,7 @@ class _Options(Acting, Mocap):
     charge: Optional[float] = option(
         None, "its charge at the start, 0..1 (1)", range=(0.01, 1.0), metavar="CHARGE"
     )
-    controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(loop.CONTROLLERS))
+    controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(gains.CONTROLLERS))
     reference: Optional[str] = _tracking("(circle)", choices=[kind for kind in loop.KINDS if kind != "file"])
 
 
@@ -314,7 +312,7 @@ class _Drive:
             raise OptionError("{why}", why=error) from error
         timed = kind == "file" and not signal.description  # rows under a header, not bits
         self._refuse_unused("lifted" if signal.has_lift else "timed" if timed else kind)
-        length = duration or signal.end * (WITH_RETURNS if timed and self.room else 1)
+        length = duration or signal.end * (experiments.WITH_RETURNS if timed and self.room else 1)
         if self.room is not None:
             self.params = self._bursts(kind, options, length)
         elif "burst" in self.options:
@@ -457,11 +455,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_options(parser, SimulateOptions)
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify simulate; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     model = Model.load(arguments.model)
-    with arguments.work.stage(SIMULATING):
+    with arguments.work.stage("simulating"):
         made = simulate(
             model,
             arguments.input,
@@ -510,12 +508,12 @@ def _headline(arguments: argparse.Namespace, model: Model, run: SimulatedRun) ->
         )
 
 
-def _described(disturbance: Optional[_core.Disturbance]) -> Optional[Document]:
+def _described(disturbance: Optional[_core.Disturbance]) -> Optional[Dict[str, object]]:
     """A disturbance for --json, SI units."""
     if disturbance is None:
         return None
     found = {name: list(getattr(disturbance, name)) for name in ("sigma", "time", "white", "trim")}
-    return dict(found, trim_thrust=disturbance.trim_thrust)
+    return {**found, "trim_thrust": disturbance.trim_thrust}
 
 
 def _bursts(run: SimulatedRun) -> str:

@@ -8,14 +8,13 @@ import numpy as np
 from ground import _core
 from ground.analysis import tracks
 from ground.analysis.tracks import Track
-from ground.simulation import gains
+from ground.simulation.experiments import DriveLog, logged
 from ground.simulation.laws import CheckedLaw
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array
 from ground.support.errors import GroundError, core_error
 from ground.support.progress import Work
 from ground.support.workers import Workers
 
-CONTROLLERS = list(gains.CONTROLLERS)
 KINDS = {info.name: info for info in _core.reference_table()}
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
 AFTER_STOP = 3.0  # time after the end of a reference until the craft has to be there [s]
@@ -24,7 +23,7 @@ NEVER_SETTLED = dict(rms=np.inf, max=np.inf, saturated_fraction=1.0, effort=0.0)
 POOLED = ("rms", "max", "final", "saturated_fraction", "effort", "wanted_outside", "wanted_largest")
 SHARES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 # The thesis's references: parameters, and the window in which errors count [s].
-REFERENCES: Dict[str, Tuple[Dict[str, Any], Optional[Tuple[float, float]]]] = {
+REFERENCES: Dict[str, Tuple[Dict[str, float], Optional[Tuple[float, float]]]] = {
     "circle": (dict(size=2.0, rate_of_turn=0.6), (20.0, 60.0)),
     "line": (dict(speed=0.707, end_x=2.5, end_y=2.5, smooth=False), (0.0, 20.0)),
     "rhodonea": (dict(size=1.5, petals=1.5, rate_of_turn=0.4), (20.0, 60.0)),
@@ -101,13 +100,21 @@ def starts(count: int, seed: int, spread: float = SPREAD) -> List[Start]:
     return [(s[:3], s[3:]) for s in spread * random.standard_normal((count, 6))]
 
 
-def effect_use(kind: str, model: _core.Model) -> Document:
-    """How a kind of controller uses the effects of its model: `used` and `unused` ones, and a `remark`
-    for users. GroundError when it must not use the model."""
+@dataclass(frozen=True)
+class EffectUse:
+    """How a controller uses the effects of its model."""
+
+    used: List[str]
+    unused: List[str]
+    remark: str = ""  # for users
+
+
+def effect_use(kind: str, model: _core.Model) -> EffectUse:
+    """The EffectUse of a kind of controller; GroundError when it must not use the model."""
     use = _core.effect_use(kind, model)
     if use["refusal"]:
         raise GroundError(use["refusal"])
-    return use
+    return EffectUse(use["used"], use["unused"], use["remark"])
 
 
 def run(
@@ -144,23 +151,25 @@ def run(
         mocap.rate, mocap.position_noise, mocap.heading_noise = rate, 0.0, 0.0
     pose, velocity = (np.zeros(3), np.zeros(3)) if start is None else start
     try:
-        log = _core.track_reference(
-            truth, believed, params, pose, velocity, mocap, seed, battery=conditions.battery
+        log = logged(
+            _core.track_reference(
+                truth, believed, params, pose, velocity, mocap, seed, battery=conditions.battery
+            )
         )
     except RuntimeError as error:
         raise core_error(error)
     finally:
         if isinstance(controller, CheckedLaw) and controller.failure:
             raise controller.failure
-    if not len(log["references"]):
-        raise GroundError("the controller stopped before it drove: %s" % log["stopped"])
+    if not len(log.references):
+        raise GroundError("the controller stopped before it drove: %s" % log.stopped)
     found = _track(log, task)
     return replace(found, numbers=_numbers(found, task, log))
 
 
-def _track(log: Document, task: TrackingTask) -> Track:
-    began = log["references"][0, 0]
-    truth, decisions = log["truth"], log["decisions"]
+def _track(log: DriveLog, task: TrackingTask) -> Track:
+    began = log.references[0, 0]
+    truth, decisions = log.truth, log.decisions
     times = truth[:, 0] - began
     kept = times >= -tracks.ROUNDING
     when, middle = decisions[:, 0] - began, (3 + decisions.shape[1]) // 2
@@ -174,16 +183,16 @@ def _track(log: Document, task: TrackingTask) -> Track:
     )
 
 
-def _numbers(found: Track, task: TrackingTask, log: Document) -> Document:
+def _numbers(found: Track, task: TrackingTask, log: DriveLog) -> Dict[str, object]:
     measured = tracks.summary(found, task.settled)
     numbers = {n: NEVER_SETTLED.get(n) if value is None else value for n, value in measured.items()}
     numbers.update(final=float(found.errors[-1]), stopped=None)
     if task.ends:
         late = found.times >= task.reference.extent() + AFTER_STOP
         numbers["after_stop_max"] = float(found.errors[late].max()) if late.any() else None
-    if log["stopped"]:
-        at = log["stopped_at"] - log["references"][0, 0]
-        numbers.update(rms=np.inf, max=np.inf, stopped=log["stopped"], stopped_at=at)
+    if log.stopped:
+        at = log.stopped_at - log.references[0, 0]
+        numbers.update(rms=np.inf, max=np.inf, stopped=log.stopped, stopped_at=at)
     return numbers
 
 
@@ -219,7 +228,7 @@ def perturbed(model: _core.Model, factors: Dict[str, float]) -> _core.Model:
     return moved
 
 
-def pooled(runs: Sequence[Track]) -> Document:
+def pooled(runs: Sequence[Track]) -> Dict[str, object]:
     """Numbers of several runs in one dict: medians, and 5, 50, 95% of the error."""
     numbers = [r.numbers for r in runs]
 
@@ -227,15 +236,15 @@ def pooled(runs: Sequence[Track]) -> Document:
         values = [n[name] for n in numbers if n.get(name) is not None]
         return float(np.median(values)) if values else None
 
-    result: Document = {name: median(name) for name in POOLED}
-    if all(n.get("after_stop_max") is not None for n in numbers):
-        result["after_stop_max"] = median("after_stop_max")
-    result["compute_ms"] = tracks.compute_ms(np.concatenate([r.computing[:, 1] for r in runs]))
-    result["rms_quantiles"] = quantiles([n["rms"] for n in numbers])
+    has_ended = all(n.get("after_stop_max") is not None for n in numbers)
     stops = [(i, n) for i, n in enumerate(numbers, 1) if n["stopped"] is not None]
-    result["stopped"] = len(stops)
-    result["stops"] = [{"run": i, "time": n["stopped_at"], "reason": n["stopped"]} for i, n in stops]
-    return result
+    return {
+        **{name: median(name) for name in [*POOLED, *["after_stop_max"] * has_ended]},
+        "compute_ms": tracks.compute_ms(np.concatenate([r.computing[:, 1] for r in runs])),
+        "rms_quantiles": quantiles([n["rms"] for n in numbers]),
+        "stopped": len(stops),
+        "stops": [{"run": i, "time": n["stopped_at"], "reason": n["stopped"]} for i, n in stops],
+    }
 
 
 def quantiles(values: Sequence[float]) -> Dict[str, float]:

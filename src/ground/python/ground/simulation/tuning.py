@@ -20,7 +20,7 @@ import numpy as np
 
 from ground import _core
 from ground.simulation import gains, tracking
-from ground.support.annotations import Array, ArrayLike, Document, Setting
+from ground.support.annotations import Array, ArrayLike, Setting
 from ground.support.errors import GroundError
 from ground.support.progress import Work
 from ground.support.workers import Workers
@@ -122,13 +122,13 @@ class GainSearch:
     ) -> List[GainTrial]:
         """A GainTrial of every _core.ControllerChoice."""
 
-        def numbers(drive: Tuple[_core.ControllerChoice, Cell, int]) -> Document:
+        def numbers(drive: Tuple[_core.ControllerChoice, Cell, int]) -> List[float]:
             choice, cell, i = drive
             loop = (cell.truth, self.believed, choice, cell.task, starts[i], cell.conditions, seed + i)
             # never stopped: one that loses the reference has a large error
             found = tracking.run(*loop, max_error=np.inf).numbers
             self.work.step()
-            return found
+            return [found["rms"], found["saturated_fraction"], found["effort"]]
 
         drives = itertools.product(choices, cells, range(len(starts)))
         found = list(self.workers.map(numbers, drives))
@@ -137,13 +137,12 @@ class GainSearch:
         return [self._candidate(choice, cells, part) for choice, part in zip(choices, parts)]
 
     def _candidate(
-        self, choice: _core.ControllerChoice, cells: Sequence[Cell], numbers: Sequence[Document]
+        self, choice: _core.ControllerChoice, cells: Sequence[Cell], numbers: Sequence[Sequence[float]]
     ) -> GainTrial:
-        rows = np.array([n["rms"] for n in numbers]).reshape(len(cells), -1).tolist()
-        saturated, effort = (
-            float(np.mean([n[name] for n in numbers])) for name in ("saturated_fraction", "effort")
-        )
-        found = GainTrial(choice.values, dict(zip((c.name for c in cells), rows)), saturated, effort)
+        rms, saturated, effort = np.array(numbers).T
+        rows = rms.reshape(len(cells), -1).tolist()
+        errors = dict(zip((c.name for c in cells), rows))
+        found = GainTrial(choice.values, errors, float(saturated.mean()), float(effort.mean()))
         found.score = self._score(found)
         return found
 

@@ -5,7 +5,7 @@ import functools
 import inspect
 import math
 from dataclasses import field, fields, replace
-from typing import Any, Callable, Dict, Iterable, List, Type, TypeVar
+from typing import Any, Callable, Dict, Iterable, List, Optional, Type, TypeVar
 
 from ground.support import files, progress
 from ground.support.errors import OptionError
@@ -25,7 +25,7 @@ def option(default: Any, help: str, **more: Any) -> Any:
 
 def add_options(parser: "argparse._ActionsContainer", kind: Type[Any]) -> None:
     """Adds the options of a dataclass to a parser."""
-    groups: Dict[Any, Any] = {None: parser}
+    groups: Dict[Optional[str], argparse._ActionsContainer] = {None: parser}
     for one in (one for one in fields(kind) if one.metadata):
         more = dict(one.metadata)
         name = more.pop("name", "--" + one.name.replace("_", "-"))

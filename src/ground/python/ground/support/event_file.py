@@ -2,7 +2,7 @@
 
 import json
 import os
-from typing import List
+from typing import List, Mapping
 
 from ground.support import files
 from ground.support.annotations import Document
@@ -38,7 +38,7 @@ class EventFile:
         self._size = os.fstat(self._file.fileno()).st_size - len(rest)
         self._file.truncate(self._size)
 
-    def add(self, event: Document) -> None:
+    def add(self, event: Mapping[str, object]) -> None:
         """Appends an event, which is on the disk when this returns; GroundError when that is not possible."""
         line = json.dumps(files.plain(event), separators=(",", ":")).encode() + b"\n"
         try:

@@ -188,7 +188,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_options(parser, WorkbenchOptions)
 
 
-def run(arguments: argparse.Namespace) -> Document:
+def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify workbench; returns what --json prints."""
     if arguments.leave_out:
         raise OptionError("{0}: leave stretches out on the page", "leave_out")
