@@ -64,7 +64,7 @@ def test_a_constant_force_is_inferred_everywhere(force):
 def test_no_prediction_spans_a_gap():
     run = run_data(duration=6.0, kept=np.r_[:250, 300:600])
     found = comparison.evaluate(run, model())
-    rows = {row["seconds"]: len(row["errors"]) for row in found.horizons}
+    rows = {row.seconds: len(row.errors) for row in found.horizons}
     assert rows[4.0] == 0  # no stretch is so long
     assert 0 < rows[1.0] < rows[0.5] < rows[0.1]
 
