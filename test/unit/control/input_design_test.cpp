@@ -5,12 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <complex>
 #include <fstream>
 #include <limits>
 #include <map>
 #include <memory>
-#include <set>
 
 #include "../crafts.h"
 #include "ground/control/prbs.h"

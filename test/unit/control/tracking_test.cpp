@@ -6,7 +6,6 @@
 #include <cstdio>
 #include <fstream>
 #include <iomanip>
-#include <limits>
 #include <random>
 #include <sstream>
 

@@ -13,7 +13,7 @@
 #include <random>
 
 #include "../artificial_run.h"
-#include "ground/model/effect_registry.h"
+#include "../crafts.h"
 #include "ground/model/measurement.h"
 #include "ground/model/typical.h"
 
@@ -26,14 +26,10 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// A craft whose motors lag and whose marker is off the centre.
 Model craft() {
-  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  for (const char* effect : {"motor_lag", "marker_offset", "thrust_asymmetry"})
-    model.addEffect(makeEffect(effect));
-  model.setValue("motor_lag.tau", 0.05);
-  model.setValue("marker_offset.dx", 0.02);
-  model.setValue("marker_offset.dy", -0.03);
-  model.setValue("thrust_asymmetry.a", 0.05);
-  return model;
+  return withValues(tinyWhoover(), {{"motor_lag.tau", 0.05},
+                                    {"marker_offset.dx", 0.02},
+                                    {"marker_offset.dy", -0.03},
+                                    {"thrust_asymmetry.a", 0.05}});
 }
 
 /// Poses with noise, a missing sample, a repeated time, a gap and two outliers.

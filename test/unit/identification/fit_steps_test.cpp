@@ -8,7 +8,6 @@
 #include <chrono>
 #include <cmath>
 #include <random>
-#include <set>
 #include <thread>
 
 #include "../../../src/ground/src/identification/estimates.h"

@@ -6,12 +6,11 @@
 #include <algorithm>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
-#include <limits>
 #include <random>
 
+#include "../crafts.h"
 #include "../disturbed_run.h"
 #include "../sanitized.h"
-#include "ground/model/effect_registry.h"
 
 namespace ground {
 namespace grey_box_test {
@@ -109,11 +108,9 @@ TEST(GreyBox, TheFilteredDisturbanceIsInTheBodysFrame) {
 
 TEST(GreyBox, TheSmoothedWrenchIsThatWhichActsWithinItsUncertainty) {
   // A constant wrench, which an effect of the craft causes, and a gap of half a second.
-  Model pushed = craft();
-  const double full = typical::force(pushed.body);
-  pushed.addEffect(makeEffect("body_force_bias"));
-  pushed.setValue("body_force_bias.x0", 0.05 * full);
-  pushed.setValue("body_force_bias.y0", -0.03 * full);
+  const double full = typical::force(craft().body);
+  const Model pushed =
+      withValues(craft(), {{"body_force_bias.x0", 0.05 * full}, {"body_force_bias.y0", -0.03 * full}});
   RunData run = disturbedRun(pushed, pushes(pushed, 0), 5);
   for (std::size_t i = 500; i < run.times.size(); ++i) run.times[i] += 0.5;
   for (double& time : run.inputs.times)
@@ -290,12 +287,8 @@ TEST(GreyBox, ScoreTestsOfAbsentEffectsHaveTheirDistribution) {
 
 TEST(GreyBox, FindsTrimsAndAcceptsAGap) {
   const Model model = craft();
-  std::vector<RunData> runs;
+  std::vector<RunData> runs = disturbedRuns(model, 0.002, 4, 20);
   const double moment = 0.04 * typical::moment(model.body);
-  for (unsigned i = 0; i < 4; ++i) {
-    RunData run = disturbedRun(model, pushes(model, 0.002), 20 + i);
-    runs.push_back(run);
-  }
   // A yaw trim in one run, and half a second without poses in another.
   Disturbance turning = pushes(model, 0.002);
   turning.trim << 0, 0, moment;
@@ -396,10 +389,26 @@ TEST(GreyBoxForecast, AgreesWithAMonteCarloSimulation) {
   }
 }
 
+/// Counts measurements in the bands of forecasts.
+struct Held {
+  int inside[6] = {}, count = 0;
+
+  void add(const RunData& run, const Forecast& one) {
+    const Eigen::Index last = one.mean.rows() - 1, at = one.first + last;
+    Eigen::Matrix<double, 1, 6> truth;
+    truth << run.poses.row(at), run.nu.row(at);
+    for (int c = 0; c < 6; ++c) inside[c] += one.low(last, c) <= truth(c) && truth(c) <= one.high(last, c);
+    ++count;
+    EXPECT_NEAR(run.times[static_cast<std::size_t>(at)] - run.times[static_cast<std::size_t>(one.first)], 2,
+                0.02);
+  }
+  double share(int c) const { return inside[c] / static_cast<double>(count); }
+};
+
 TEST(GreyBoxForecast, BandsHoldNineOfTenMeasurements) {
   const Model model = craft();
   const Disturbance disturbance = pushes(model, 0.04);
-  int held[6] = {}, count = 0;
+  Held held;
   double wide = 0, blind = 0;
   for (unsigned seed = 1; seed <= 60; ++seed) {
     const RunData run = disturbedRun(model, disturbance, 200 + seed, 5.2);
@@ -408,14 +417,8 @@ TEST(GreyBoxForecast, BandsHoldNineOfTenMeasurements) {
     options.starts = {sampleAt(run, 1), sampleAt(run, 3)};
     options.horizons = {2, 2};
     for (const Forecast& one : box.forecast({model, levelsOf(disturbance), {}}, 0, options)) {
-      const Eigen::Index last = one.mean.rows() - 1, at = one.first + last;
-      EXPECT_NEAR(run.times[static_cast<std::size_t>(at)] - run.times[static_cast<std::size_t>(one.first)], 2,
-                  0.02);
-      Eigen::Matrix<double, 1, 6> truth;
-      truth << run.poses.row(at), run.nu.row(at);
-      for (int c = 0; c < 6; ++c) held[c] += one.low(last, c) <= truth(c) && truth(c) <= one.high(last, c);
-      ++count;
-      wide += one.deviation(last, 2);
+      held.add(run, one);
+      wide += one.deviation.bottomRows<1>()(2);
     }
     DisturbanceLevels none = levelsOf(disturbance);
     none.sigma.setConstant(1e-9);
@@ -423,7 +426,7 @@ TEST(GreyBoxForecast, BandsHoldNineOfTenMeasurements) {
     blind += box.forecast({model, none, {}}, 0, options).back().deviation.bottomRows<1>()(2);
   }
   // A share of 120 has a standard deviation of 2.7%.
-  for (int c = 0; c < 6; ++c) EXPECT_NEAR(held[c] / static_cast<double>(count), 0.9, 0.085) << c;
+  for (int c = 0; c < 6; ++c) EXPECT_NEAR(held.share(c), 0.9, 0.085) << c;
   EXPECT_GT(wide / 2, 5 * blind);
 }
 
@@ -431,26 +434,24 @@ TEST(GreyBoxForecast, BandsHoldUnderAForceThatKeepsItsDirectionInTheRoom) {
   const Model model = craft();
   const Draught draught{0.05 * typical::force(model.body), 3};
   const Disturbance still = pushes(model, 0);
-  int held[6] = {}, count = 0;
+  Held held;
   double known = 0, unknown = 0;
   for (unsigned seed = 1; seed <= 60; ++seed) {
     const RunData run = disturbedRun(model, still, 400 + seed, 4.2, draught);
     const GreyBox box({run}, model.body);
     ForecastOptions options;
-    options.starts = {sampleAt(run, 2)};
     options.horizons = {2};
-    const Forecast one = box.forecast({model, levelsOf(still, draught), {}}, 0, options).at(0);
-    const Eigen::Index last = one.mean.rows() - 1, at = one.first + last;
-    Eigen::Matrix<double, 1, 6> truth;
-    truth << run.poses.row(at), run.nu.row(at);
-    for (int c = 0; c < 6; ++c) held[c] += one.low(last, c) <= truth(c) && truth(c) <= one.high(last, c);
-    ++count;
-    known += one.deviation(last, 0);
-    options.starts = {0};  // where nothing is known of the force
-    unknown += box.forecast({model, levelsOf(still, draught), {}}, 0, options).at(0).deviation(last, 0);
+    const auto forecast = [&](int start) {
+      options.starts = {start};
+      return box.forecast({model, levelsOf(still, draught), {}}, 0, options).at(0);
+    };
+    const Forecast one = forecast(sampleAt(run, 2));
+    held.add(run, one);
+    known += one.deviation.bottomRows<1>()(0);
+    unknown += forecast(0).deviation(one.mean.rows() - 1, 0);  // where nothing is known of the force
   }
   // A share of 60 has a standard deviation of 3.9%.
-  for (const int c : {0, 1}) EXPECT_NEAR(held[c] / static_cast<double>(count), 0.9, 0.12) << c;
+  for (const int c : {0, 1}) EXPECT_NEAR(held.share(c), 0.9, 0.12) << c;
   EXPECT_LT(known, 0.8 * unknown);
 }
 

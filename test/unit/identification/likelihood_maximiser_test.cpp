@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "../crafts.h"
 #include "../disturbed_run.h"
 #include "../sanitized.h"
-#include "ground/model/effect_registry.h"
 
 namespace ground {
 namespace likelihood_maximiser_test {
@@ -108,17 +108,13 @@ TEST_F(Maximum, ACommonChangeOfThrustIsAParameterAndNoTrim) {
 
 TEST_F(Maximum, AParameterOnItsBoundIsAsIfItWereFixedThere) {
   // Thrust that grows with speed acts like a negative damping, which the model does not allow.
-  Model driven = truth_;
-  driven.setValue("X_u", 0);
-  driven.addEffect(makeEffect("thrust_speed_loss"));
-  driven.setValue("thrust_speed_loss.c", -0.2);
+  const Model driven = withValues(truth_, {{"X_u", 0}, {"thrust_speed_loss.c", -0.2}});
   const GreyBox box(disturbedRuns(driven, 0.01, 3, 21), truth_.body);
   const GreyBoxFit found = box.fit(box.start(truth_), cold());
   EXPECT_TRUE(found.converged);
   EXPECT_EQ(found.point.model.value("X_u"), 0);
-  Model without = truth_;
-  without.setValue("X_u", 0);
-  const GreyBoxFit fixed = box.fit(box.start(without), cold({"I_z", "Y_v", "N_r", "k"}));
+  const GreyBoxFit fixed =
+      box.fit(box.start(withValues(truth_, {{"X_u", 0}})), cold({"I_z", "Y_v", "N_r", "k"}));
   EXPECT_NEAR(found.log_posterior, fixed.log_posterior, 0.05);
   for (const FittedParameter& p : fixed.parameters)
     EXPECT_NEAR(found.point.model.value(p.name), p.value, 0.05 * p.deviation) << p.name;

@@ -1,7 +1,6 @@
 // Controllers of crafts with other thrusters than a left and a right one.
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <memory>

@@ -1,7 +1,6 @@
 // Crafts on water, and loads that crafts carry: limits, invariance, energy.
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <random>
 #include <string>
 

@@ -5,7 +5,6 @@
 
 #include <cmath>
 #include <functional>
-#include <random>
 #include <vector>
 
 namespace ground {

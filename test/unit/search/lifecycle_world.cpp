@@ -1,9 +1,7 @@
 #include "lifecycle_world.h"
 
 #include <algorithm>
-#include <functional>
 #include <limits>
-#include <utility>
 
 namespace ground {
 namespace lifecycle_search {

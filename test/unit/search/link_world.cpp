@@ -1,9 +1,7 @@
 #include "link_world.h"
 
 #include <algorithm>
-#include <functional>
 #include <limits>
-#include <utility>
 
 #include "../crafts.h"
 #include "wire.h"
