@@ -81,8 +81,7 @@ def read(
     """Normalised commands (n, c) by `channels`, and which rows have some (n,). empty: what a missing value
     means, "held" or "off"; known: rows that have a time (n,); backward: whether the latest rows come first;
     notes: told what is missing. GroundError when a channel has no column."""
-    said = getattr(columns, "units", {})
-    channels = tuple(_by_file(channel, str(said.get(channel.field, "")), notes) for channel in channels)
+    channels = tuple(_by_file(one, containers.unit(columns, one.field), notes) for one in channels)
     rows = containers.values(columns, [channel.field for channel in channels], where)
     found = np.column_stack([channel.commands(v) for channel, v in zip(channels, rows.T)])
     missing = ~np.isfinite(found)

@@ -169,6 +169,11 @@ def column(columns: Columns, path: str) -> Optional[Column]:
     return columns[ends[0]] if len(ends) == 1 else None
 
 
+def unit(columns: Columns, path: str) -> str:
+    """The unit that a table gives a column; empty without one."""
+    return str(getattr(columns, "units", {}).get(path, ""))
+
+
 def _absent(columns: Columns, path: str) -> str:
     """Why there is no column of a field, where that is known."""
     same = [name for name in columns if name.startswith(path + "#")]

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ground.reading import words
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
 if TYPE_CHECKING:
     import pandas
-
-LENGTHS = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inches": "in"}
 
 
 @dataclass
@@ -88,21 +87,27 @@ def _body(name: str) -> str:
     return name.strip().strip('"').replace(".", "_")
 
 
+def _frame_row(rows: Sequence[Sequence[str]], least: int, program: str) -> int:
+    """Number of the row that begins with Frame. GroundError where fewer than `least` rows are above it."""
+    found = next((n for n, cells in enumerate(rows) if cells[:1] == ["Frame"]), -1)
+    if found < least:
+        raise GroundError("an export of %s without the row that begins with Frame" % program)
+    return found
+
+
 def _motive(lines: Sequence[str]) -> Head:
     """Type, name and ID of what is tracked in a row each, then rotation and position, then the axes."""
     head = _cells(lines[0])
     said = dict(zip(head[::2], head[1::2]))
-    rows = [(number, _cells(line)) for number, line in enumerate(lines[:20])]
-    last = next((n for n, cells in rows if cells[:1] == ["Frame"]), None)
-    if last is None or last < 2:
-        raise GroundError("an export of Motive without the row that begins with Frame")
-    above = [cells for n, cells in rows[1:last] if any(cells)]
+    rows = [_cells(line) for line in lines[:20]]
+    last = _frame_row(rows, 2, "Motive")
+    above = [cells for cells in rows[1:last] if any(cells)]
     kinds = next((cells for cells in above if "Type" in cells[:2]), above[0])
     bodies = next((cells for cells in above if "Name" in cells[:2]), None)
-    what, axes = above[-1], rows[last][1]
+    what, axes = above[-1], rows[last]
     if bodies is None:
         raise GroundError("an export of Motive without the row of names")
-    unit = LENGTHS.get(said.get("Length Units", "").lower(), "m")
+    unit = words.unit(said.get("Length Units", "")) or "m"
     order = said.get("Rotation Type", "Quaternion")
     found = Head(last + 1, [], order="" if order == "Quaternion" else order)
     for column, axis in enumerate(axes):
@@ -130,30 +135,24 @@ def _note_bodies(head: Head, program: str, unit: str) -> None:
             "have no heading" % program
         )
     head.euler = tuple(b for b in bodies if head.order and b + ".rotation.w" not in head.names)
-    head.notes.append(
-        "an export of %s: positions in %s, %s; its bodies are %s"
-        % (
-            program,
-            unit,
-            "angles %s in degrees" % head.order if head.euler else "headings by rotations",
-            ", ".join(bodies),
-        )
-    )
+    turned = "angles %s in degrees" % head.order if head.euler else "headings by rotations"
+    text = "an export of %s: positions in %s, %s; its bodies are %s"
+    head.notes.append(text % (program, unit, turned, ", ".join(bodies)))
 
 
 def _qualisys(lines: Sequence[str]) -> Head:
     """A line for each fact, then one row of names, in which the name of a body stands before its X."""
     separator = "\t" if "\t" in lines[0] else ","
-    rows = [(number, _cells(line, separator)) for number, line in enumerate(lines[:60])]
-    facts = {cells[0].upper(): cells[1:] for _, cells in rows if cells and len(cells) > 1}
+    rows = [_cells(line, separator) for line in lines[:60]]
+    facts = {cells[0].upper(): cells[1:] for cells in rows if len(cells) > 1}
     if facts.get("DATA_INCLUDED", ["6D"])[0] != "6D":
         raise GroundError(
             "an export of Qualisys with markers (%s): export 6D data, because markers alone have no heading"
             % facts["DATA_INCLUDED"][0]
         )
-    ends = [(n, {cell.split(" ")[-1] for cell in cells}) for n, cells in rows]
-    last = next((n for n, words in ends if words & {"Rot[0]", "Roll", "Yaw"}), None)
-    if last is None:
+    ends = [{cell.split(" ")[-1] for cell in cells} for cells in rows]
+    last = next((n for n, found in enumerate(ends) if found & {"Rot[0]", "Roll", "Yaw"}), -1)
+    if last < 0:
         raise GroundError("an export of Qualisys without a row that names Roll, Pitch and Yaw")
     bodies = [_body(name) for name in facts.get("BODY_NAMES", []) if name]
     found = Head(
@@ -164,17 +163,17 @@ def _qualisys(lines: Sequence[str]) -> Head:
     plain.update((name, name.lower()) for name in ("Roll", "Pitch", "Yaw"))
     names: List[str] = []
     values = _cells(lines[last + 1], separator) if len(lines) > last + 1 else []
-    has_own = len(values) == len(rows[last][1])  # whether the cell of a body's name stands above one
-    for cell in rows[last][1]:
-        words = cell.split(" ")
-        if words[-1] == "X":
+    has_own = len(values) == len(rows[last])  # whether the cell of a body's name stands above one
+    for cell in rows[last]:
+        parts = cell.split(" ")
+        if parts[-1] == "X":
             number += 1
         if number < 0 and cell in ("Frame", "Time"):
             names.append(cell.lower())
-        elif words[-1] in plain and number >= 0:
-            named = bodies[number] if number < len(bodies) else _body(" ".join(words[:-1]))
-            names.append("%s.%s" % (named or "body_%d" % (number + 1), plain[words[-1]]))
-            found.units[names[-1]] = "mm" if words[-1] in "XYZ" else "deg"
+        elif parts[-1] in plain and number >= 0:
+            named = bodies[number] if number < len(bodies) else _body(" ".join(parts[:-1]))
+            names.append("%s.%s" % (named or "body_%d" % (number + 1), plain[parts[-1]]))
+            found.units[names[-1]] = "mm" if parts[-1] in "XYZ" else "deg"
         elif cell in bodies and not has_own:  # a cell of its own above no values
             continue
         else:
@@ -188,16 +187,14 @@ def _qualisys(lines: Sequence[str]) -> Head:
 def _vicon(lines: Sequence[str]) -> Head:
     """What it holds, the rate, the bodies, the names of columns and their units, each in a row."""
     separator = max(",;\t", key=lines[:5][-1].count)
-    rows = [(number, _cells(line, separator)) for number, line in enumerate(lines[:10])]
-    last = next((n for n, cells in rows if cells[:1] == ["Frame"]), None)
-    if last is None or last < 3 or len(lines) < last + 3:
-        raise GroundError("an export of Vicon without the row that begins with Frame")
-    bodies, units = _filled(rows[last - 1][1]), _cells(lines[last + 1], separator)
-    digits = re.search(r"[\d.]+", rows[last - 2][1][0])
+    rows = [_cells(line, separator) for line in lines[:12]]
+    last = _frame_row(rows[:-2], 3, "Vicon")
+    bodies, units = _filled(rows[last - 1]), _cells(lines[last + 1], separator)
+    digits = re.search(r"[\d.]+", rows[last - 2][0])
     found = Head(last + 2, [], separator, rate=float(digits.group()) if digits else 0.0)
     parts = {"TX": "position.x", "TY": "position.y", "TZ": "position.z"}
     parts.update(RX="angle.x", RY="angle.y", RZ="yaw", RW="angle.w")
-    for column, cell in enumerate(rows[last][1]):
+    for column, cell in enumerate(rows[last]):
         body = _body((bodies[column] if column < len(bodies) else "").split(":")[-1])
         name = "%s.%s" % (body, parts[cell]) if cell in parts else cell.lower().replace(" ", "_")
         if cell not in parts and column > 1:

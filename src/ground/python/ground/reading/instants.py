@@ -102,7 +102,8 @@ def _of_numbers(
     columns: Columns, given: Column, clock: Clock, where: str, notes: List[str]
 ) -> Tuple[Indices, Flags]:
     """Stamps by a field that is a number, and one to add."""
-    unit = clock.unit or _unit(columns, clock.field)
+    named = containers.unit(columns, clock.field)
+    unit = clock.unit or (named if named in TIMES else "s")
     if clock.stamps == UNPADDED and given.dtype.kind == "f" and not clock.nanoseconds:
         texts = _written(columns, clock.field)
         if texts is not None:
@@ -147,12 +148,6 @@ def _unwrapped(counts: Indices, notes: List[str]) -> Indices:
             notes.append("the clock of %d bits begins again at 0 (%d)" % (np.log2(size), wraps.sum()))
             return np.asarray(counts + size * np.concatenate([[0], np.cumsum(wraps)]), np.int64)
     return counts
-
-
-def _unit(columns: Columns, name: str) -> str:
-    """The unit that the file gives a column of times; seconds without one."""
-    unit = str(getattr(columns, "units", {}).get(name, ""))
-    return unit if unit in TIMES else "s"
 
 
 def _better(value: float) -> str:

@@ -1,10 +1,10 @@
 """Positions of any unit and origin in metres: lengths, coordinates of maps, latitude and longitude."""
 
-import re
 from typing import Iterable, List, Sequence
 
 import numpy as np
 
+from ground.reading import containers, words
 from ground.reading.containers import Columns
 from ground.reading.mapping import FURTHER_LENGTHS, GEODETIC, LENGTHS, Poses
 from ground.support.annotations import Array
@@ -12,15 +12,12 @@ from ground.support.errors import GroundError
 
 FAR = 1e4  # coordinates whose median is larger count from the first pose [m]
 RADIUS, FLATTENING = 6378137.0, 1 / 298.257223563  # WGS 84 [m], [-]
-LONGITUDE = re.compile(r"(^|[^a-z])(lon|lng|long|longitude)([^a-z]|$)", re.I)
-LATITUDE = re.compile(r"(^|[^a-z])(lat|latitude)([^a-z]|$)", re.I)
 STILL = 1e-3  # positions that change by less than this share of themselves may be degrees
 
 
 def unit_of(columns: Columns, paths: Sequence[str], known: Iterable[str], what: str, notes: List[str]) -> str:
     """The unit that the file gives the columns of something; empty where it gives none or several."""
-    said = getattr(columns, "units", {})
-    found = {str(said.get(path, "")) for path in paths}
+    found = {containers.unit(columns, path) for path in paths}
     unit = found.pop() if len(found) == 1 else ""
     if unit not in known:
         return ""
@@ -33,13 +30,8 @@ def metres(
 ) -> Array:
     """Positions (n, k) of fields in metres. notes: told what was assumed."""
     lengths = {**LENGTHS, **FURTHER_LENGTHS}
-    unit = poses.unit
-    if (
-        not unit
-        and LATITUDE.search(paths[0] + " " + paths[1])
-        and LONGITUDE.search(paths[0] + " " + paths[1])
-    ):
-        unit = GEODETIC
+    is_geodetic = {words.axis(path)[0] for path in paths[:2]} == {"lat", "lon"}
+    unit = poses.unit or (GEODETIC if is_geodetic else "")
     unit = unit or unit_of(columns, paths, {*lengths, GEODETIC} - {"m"}, "positions are", notes)
     if unit == GEODETIC:
         return _local(numbers, paths, where, notes)
@@ -50,7 +42,7 @@ def metres(
 
 def _local(numbers: Array, paths: Sequence[str], where: str, notes: List[str]) -> Array:
     """Distances north and east of the first fix (n, k) [m], in the columns of latitude and longitude."""
-    north = 1 if LONGITUDE.search(paths[0]) or LATITUDE.search(paths[1]) else 0
+    north = int(words.axis(paths[0])[0] == "lon" or words.axis(paths[1])[0] == "lat")
     fixes = numbers[:, [north, 1 - north]]
     fixes = np.where((fixes == 0).all(axis=1)[:, None], np.nan, fixes)  # no fix
     valid = np.isfinite(fixes).all(axis=1)

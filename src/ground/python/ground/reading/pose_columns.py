@@ -6,7 +6,7 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.reading import containers, places, rows_apart
+from ground.reading import containers, places, rows_apart, words
 from ground.reading.containers import Columns, Topic
 from ground.reading.mapping import ANGLES, Poses
 from ground.reading.run_settings import Settings
@@ -18,7 +18,6 @@ STATE = "ground_msgs/State"  # its poses were corrected when they were recorded
 BODY = re.compile(
     r"(^|[^a-z])(body|rigid_?body|subject|object|robot|vehicle|craft|child_frame_id|name|agent)$", re.I
 )
-WORD = re.compile(r"[A-Za-z]+")
 WITHOUT_AXES = (
     "; or write in place of axes, where headings grow from %s to %s and are clockwise seen from above, "
     '`position: {fields: ["%s", "%s"], ...}`, and where they are counter-clockwise '
@@ -233,8 +232,8 @@ def _along(paths: Sequence[str], axes: str, vertical: int, has_heading: bool, wh
     """The horizontal axes that two fields are along: those that they are named after, else in the order x,
     y, z. GroundError where they are named after other ones: either the names or the axes are wrong."""
     horizontal = [axis for axis in range(3) if axis != vertical]
-    letters = [_axis(path) for path in paths]
-    if "" in letters or letters[0] == letters[1]:
+    letters = [words.axis(path)[0] for path in paths]
+    if not set(letters) <= {"x", "y", "z"} or letters[0] == letters[1]:
         return horizontal
     named = ["xyz".index(letter) for letter in letters]
     if set(named) != set(horizontal):
@@ -247,11 +246,3 @@ def _along(paths: Sequence[str], axes: str, vertical: int, has_heading: bool, wh
             )
         )  # fmt: skip
     return named
-
-
-def _axis(path: str) -> str:
-    """The axis that a field is named after, "x" for "position.x", "px" and "X [mm]"; empty: none."""
-    words: List[str] = WORD.findall(path.rsplit(".", 1)[-1])
-    alone = [word for word in words if word in "xyzXYZ" and len(word) == 1]
-    last = (alone or words or [""])[0][-1:].lower()
-    return last if last and last in "xyz" else ""
