@@ -1,7 +1,7 @@
 """Figures of a discovery (plotly figures, as in ground.reports.figures)."""
 
 import math
-from typing import Dict, List, Mapping, Optional, Sequence
+from typing import Dict, List, Optional, Sequence
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ground.reports.appearance import FLOOR, LESS, MARKS, MEASURED, MODELS, WARN
 from ground.reports.figure_parts import X_AXIS, Y_AXIS, curve, every_so_many, fewer, points, short, walls
 from ground.reports.panels import Panels
 from ground.reports.words import millimetres
-from ground.support.annotations import Array
+from ground.support.annotations import Array, Style
 
 ROOM_ABOVE = 1.6  # largest error that the axis has room for, over the largest that is drawn
 MIN_ERROR = 1e-3  # smallest error that is drawn [mm]
@@ -131,16 +131,16 @@ def flight(
     return figure.finish(400, caption, {"t": 40})
 
 
-def _path(path: Sequence[Point], name: str, line: Mapping[str, object]) -> Dict[str, object]:
+def _path(path: Sequence[Point], name: str, line: Style) -> Dict[str, object]:
     rows = np.array(path, float)
     times, x, y = fewer(list(rows.T), every_so_many(rows).step)
     hover = "%{customdata:.2f} s: x %{y:.3f} m, y %{x:.3f} m"
-    return dict(curve(y, x, name, dict(line), True), customdata=short(times), hovertemplate=hover)
+    return dict(curve(y, x, name, line, True), customdata=short(times), hovertemplate=hover)
 
 
 def _add_inputs(figure: Panels, inputs: Array, thrusters: Sequence[str]) -> None:
     """Inputs over time, each constant until the next."""
-    lift = {"color": LESS, "width": 1.5, "dash": "dot", "shape": "hv"}
+    lift: Style = {"color": LESS, "width": 1.5, "dash": "dot", "shape": "hv"}
     lines = [*(thruster_line(i, 1.5) for i in range(len(thrusters))), lift]
     for column, (name, line) in enumerate(zip([*thrusters, "lift"], lines), 1):
         figure.add(curve(inputs[:, 0], inputs[:, column], "input, " + name, line, True), 1, 2)

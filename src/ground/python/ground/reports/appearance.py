@@ -8,7 +8,7 @@ from ground.analysis import comparison, missing_wrench
 from ground.analysis.horizon import PoseError
 from ground.reading.recording import unit
 from ground.reports.words import number, off
-from ground.support.annotations import Document, Plotly
+from ground.support.annotations import Document, Style
 
 MEASURED = _core.palette["measured"]
 MODELS = _core.palette["models"]
@@ -43,18 +43,18 @@ def model_color(index: int) -> str:
     return str(MODELS[index % len(MODELS)])
 
 
-def model_line(index: int, width: float) -> Plotly:
+def model_line(index: int, width: float) -> Style:
     """Line of a model by its number: colour, dashes, width [pixels]."""
     dash = DASHES[(index + index // len(MODELS)) % len(DASHES)]
     return {"color": model_color(index), "dash": dash, "width": width}
 
 
-def model_mark(index: int) -> Plotly:
+def model_mark(index: int) -> Style:
     """Mark of a model by its number."""
     return {"symbol": MARKS[index % len(MARKS)], "color": model_color(index), "size": 5}
 
 
-def thruster_line(index: int, width: float) -> Plotly:
+def thruster_line(index: int, width: float) -> Style:
     """Line of a thruster by its place in the model, constant between the changes of its command."""
     dash = DASHES[index // len(THRUSTERS) % len(DASHES)]
     color = THRUSTERS[index % len(THRUSTERS)]

@@ -1,6 +1,6 @@
 """Parts of the package's figures (plotly): curves, arrows, notes, small multiples."""
 
-from typing import Any, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from ground import _core
 from ground.poses import scatter
 from ground.reports.appearance import model_line, model_mark, thruster_line, transparent
 from ground.reports.panels import Panels
-from ground.support.annotations import Array, Document, Plotly
+from ground.support.annotations import Array, Document, Plotly, Style
 
 MAX_POINTS = 1000  # points of a curve; captions say what is left out
 ARROW_HEAD = 0.3  # length of an arrow's head, as a share of the arrow
@@ -17,9 +17,7 @@ Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # axes of a view from
 ZERO_LINE: Document = {"zeroline": True, "zerolinecolor": "#888888", "zerolinewidth": 1}
 
 
-def curve(
-    x: Any, y: Any, name: str, line: Mapping[str, object], legend: bool, opacity: float = 1.0
-) -> Plotly:
+def curve(x: Any, y: Any, name: str, line: Style, legend: bool, opacity: float = 1.0) -> Plotly:
     """A line through points; nothing is drawn at and beside NaN."""
     return {
         "type": "scatter",
@@ -47,7 +45,7 @@ def area(x: Any, y: Any, name: str, shade: str, opacity: float, legend: bool) ->
     return dict(trace, fill="toself", fillcolor=transparent(shade, opacity), hoverinfo="skip")
 
 
-def points(x: Any, y: Any, marker: Plotly, **style: Any) -> Plotly:
+def points(x: Any, y: Any, marker: Style, **style: Any) -> Plotly:
     """Marks at points."""
     place = {"type": "scatter", "mode": "markers", "x": short(x), "y": short(y)}
     return {**place, "marker": marker, **style}
@@ -59,7 +57,7 @@ def arrows(
     dx: Any,
     dy: Any,
     name: str,
-    line: Mapping[str, object],
+    line: Style,
     head: float = ARROW_HEAD,
     legend: bool = False,
     opacity: float = 1.0,
@@ -86,7 +84,7 @@ def bins(x: Any, values: Any, name: str, model: int, legend: bool) -> Plotly:
 def walls(room: Any) -> Plotly:
     """The walls of a _core.RoomPlan from above."""
     corners = np.array(list(room.corners) + [room.corners[0]])
-    line = {"color": "#aaaaaa", "width": 4}
+    line: Style = {"color": "#aaaaaa", "width": 4}
     return dict(curve(corners[:, 1], corners[:, 0], "walls", line, True), hoverinfo="skip")
 
 

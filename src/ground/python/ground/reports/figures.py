@@ -32,7 +32,7 @@ from ground.reports.figure_parts import (
 from ground.reports.inspection import Inspection, PredictionBand, SimulatedMotion
 from ground.reports.panels import Panels
 from ground.reports.words import listed, two_digits
-from ground.support.annotations import Array, Plotly
+from ground.support.annotations import Array, Plotly, Style
 
 LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 
@@ -135,7 +135,7 @@ def motion_title(studies: Sequence[SimulatedMotion]) -> str:
 
 
 def _add_motion(
-    figure: Panels, series: Sequence[Array], name: str, line: Plotly, opacity: float = 1.0
+    figure: Panels, series: Sequence[Array], name: str, line: Style, opacity: float = 1.0
 ) -> None:
     """Adds velocities over time and the path; series: times, velocities and poses."""
     times, nu, eta = series

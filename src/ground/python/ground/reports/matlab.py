@@ -1,7 +1,8 @@
 """Models, recordings and what models make of them, as the structs of a .mat file."""
 
 import re
-from typing import Any, Dict, List, Mapping, NamedTuple, Sequence
+from dataclasses import dataclass
+from typing import Any, List, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
@@ -10,10 +11,9 @@ from ground.analysis import comparison
 from ground.effect_library.parameters import described
 from ground.models import Model
 from ground.poses import angles
-from ground.support import files
-from ground.support.annotations import Path
+from ground.support import files, records
+from ground.support.annotations import Array, Path
 
-Struct = Dict[str, object]  # of a .mat file, by field
 ABOUT = (
     "SI units. eta: x, y [m], psi [rad], world_ned. nu: u, v [m/s], r [rad/s], body. t, eta, nu and "
     "inputs have a row for each sample of a run, commands one for each command: time [s] and inputs. "
@@ -21,6 +21,65 @@ ABOUT = (
     "between them; residual: measured minus predicted eta and nu; position_mm and heading_deg: how far "
     "off the predicted pose is. after: the same, rms, some seconds after a start."
 )
+
+
+@dataclass(frozen=True)
+class ModelStruct:
+    """A model in a .mat file."""
+
+    label: str
+    name: str
+    effects: List[str]
+    file: str  # its text
+
+
+@dataclass(frozen=True)
+class ParameterStruct:
+    """A parameter of a model in a .mat file."""
+
+    model: str
+    name: str
+    value: float
+    unit: str
+    meaning: str
+    ci95: Array  # (1, 2)
+    identified: bool
+
+
+@dataclass(frozen=True)
+class HorizonStruct:
+    """How far predicted poses are off after some time; None: no run is long enough."""
+
+    seconds: float
+    position_mm: Optional[float]
+    heading_deg: Optional[float]
+
+
+@dataclass(frozen=True)
+class PredictedStruct:
+    """What a model makes of a run in a .mat file; arrays have a row for each sample."""
+
+    model: str
+    eta: Array
+    nu: Array
+    residual: Array
+    position_mm: Array
+    heading_deg: Array
+    after: List[HorizonStruct]
+
+
+@dataclass(frozen=True)
+class RunStruct:
+    """A run in a .mat file; arrays have a row for each sample, commands for each command."""
+
+    name: str
+    t: Array
+    eta: Array
+    nu: Array
+    inputs: Array
+    input_names: List[str]
+    commands: Array
+    predicted: List[PredictedStruct]
 
 
 class Study(NamedTuple):
@@ -47,55 +106,59 @@ def write(
 
     contents = {
         "about": ABOUT,
-        "models": [_model(label, model) for label, model in models.items()],
+        "models": [
+            ModelStruct(label, model.name, list(model.effects), model.format())
+            for label, model in models.items()
+        ],
         "parameters": [row for label, model in models.items() for row in _parameters(label, model)],
         "runs": [_run(models, study) for study in studied],
         **more,
     }
     with files.new_file(str(path), force) as temporary:
         with open(temporary, "wb") as file:
-            plain = {name: _value(item) for name, item in contents.items()}
-            io.savemat(file, plain, long_field_names=True, do_compression=True, oned_as="column")
+            io.savemat(
+                file,
+                _value(records.plain(contents)),
+                long_field_names=True,
+                do_compression=True,
+                oned_as="column",
+            )
 
 
-def _model(label: str, model: Model) -> Struct:
-    return {"label": label, "name": model.name, "effects": list(model.effects), "file": model.format()}
-
-
-def _parameters(label: str, model: Model) -> List[Struct]:
+def _parameters(label: str, model: Model) -> List[ParameterStruct]:
     provenance = model.core.provenance
     return [
-        {
-            "model": label,
-            "name": p.name,
-            "value": model[p.name],
-            "unit": p.unit,
-            "meaning": p.doc,
-            "ci95": np.array([provenance.confidence_95.get(p.name, (np.nan, np.nan))]),
-            "identified": p.name in provenance.confidence_95 and p.name not in provenance.not_identified,
-        }
+        ParameterStruct(
+            label,
+            p.name,
+            model[p.name],
+            p.unit,
+            p.doc,
+            np.array([provenance.confidence_95.get(p.name, (np.nan, np.nan))]),
+            p.name in provenance.confidence_95 and p.name not in provenance.not_identified,
+        )
         for p in described(model.core).values()
     ]
 
 
-def _run(models: Mapping[str, Model], study: Study) -> Struct:
+def _run(models: Mapping[str, Model], study: Study) -> RunStruct:
     run, channels = study.run, next(iter(models.values())).core.channels
     times, commands = np.array(run.times), np.array(run.inputs)
     at = np.searchsorted(commands[:, 0], times, side="right") - 1
     inputs = np.where((at >= 0)[:, np.newaxis], commands[np.maximum(at, 0), 1:], 0.0)
-    return {
-        "name": run.name,
-        "t": times[:, np.newaxis],
-        "eta": np.array(run.eta),
-        "nu": np.array(run.nu),
-        "inputs": inputs,
-        "input_names": list(channels),
-        "commands": commands,
-        "predicted": [_predicted(label, run, found) for label, found in study.evaluations.items()],
-    }
+    return RunStruct(
+        name=run.name,
+        t=times[:, np.newaxis],
+        eta=np.array(run.eta),
+        nu=np.array(run.nu),
+        inputs=inputs,
+        input_names=list(channels),
+        commands=commands,
+        predicted=[_predicted(label, run, found) for label, found in study.evaluations.items()],
+    )
 
 
-def _predicted(label: str, run: _core.RunData, found: comparison.Evaluation) -> Struct:
+def _predicted(label: str, run: _core.RunData, found: comparison.Evaluation) -> PredictedStruct:
     """What a model makes of a run."""
     measured = np.column_stack([np.array(run.eta), np.array(run.nu)])
     simulated = np.full(measured.shape, np.nan)
@@ -104,18 +167,18 @@ def _predicted(label: str, run: _core.RunData, found: comparison.Evaluation) -> 
     residual = measured - simulated
     residual[:, 2] = angles.wrap(residual[:, 2])
     numbers = comparison.numbers([found])
-    return {
-        "model": label,
-        "eta": simulated[:, :3],
-        "nu": simulated[:, 3:],
-        "residual": residual,
-        "position_mm": 1e3 * np.hypot(residual[:, :1], residual[:, 1:2]),
-        "heading_deg": np.degrees(np.abs(residual[:, 2:3])),
-        "after": [
-            {name: row[name] for name in ("seconds", "position_mm", "heading_deg")}
+    return PredictedStruct(
+        model=label,
+        eta=simulated[:, :3],
+        nu=simulated[:, 3:],
+        residual=residual,
+        position_mm=1e3 * np.hypot(residual[:, :1], residual[:, 1:2]),
+        heading_deg=np.degrees(np.abs(residual[:, 2:3])),
+        after=[
+            HorizonStruct(row["seconds"], row["position_mm"], row["heading_deg"])
             for row in numbers["horizons"]
         ],
-    }
+    )
 
 
 def _value(value: Any) -> Any:

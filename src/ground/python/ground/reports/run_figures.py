@@ -18,7 +18,7 @@ from ground.reports.figure_parts import (
     with_gaps,
 )
 from ground.reports.panels import Panels
-from ground.support.annotations import Array, Plotly
+from ground.support.annotations import Array, Plotly, Style
 
 DARK = 0.6  # correlation whose colour is dark
 Estimates = Tuple[str, Mapping[str, float], Mapping[str, Tuple[float, float]]]
@@ -31,13 +31,13 @@ def recorded(run: Recording) -> Plotly:
     figure = Panels(4, 2, [0.64, 0.36], [155, 155, 155, 88], gaps=(0.08, 0.025), tall=[2], shared="x")
     every = every_so_many(times)
     at, nu, eta = with_gaps(times[every], motion.nu[every], motion.eta[every])
-    line: Plotly = {"color": MEASURED, "width": 2}
+    line: Style = {"color": MEASURED, "width": 2}
     for row, (_, label, unit) in enumerate(CHANNELS, 1):
         figure.add(curve(at, nu[:, row - 1], "measured", line, row == 1), row, 1)
         figure.update_yaxes(title="%s [%s]" % (label, unit), row=row, col=1)
     sent = run.control_times - motion.times[0]
     for i, name in enumerate(run.channels):
-        style: Plotly = {**thruster_line(i, 1.2), "shape": "hv"}
+        style: Style = {**thruster_line(i, 1.2), "shape": "hv"}
         figure.add(curve(sent, run.controls[:, i], "command %s [-]" % name, style, True), 4, 1)
     figure.update_yaxes(title="command [-]", row=4, col=1)
     figure.update_xaxes(title=TIME, row=4, col=1)

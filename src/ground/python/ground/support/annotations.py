@@ -1,7 +1,7 @@
 """Types for annotations: arrays, documents and callbacks."""
 
 import os
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Protocol, TypeVar, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Mapping, Protocol, TypeVar, Union
 
 import numpy as np
 
@@ -19,6 +19,7 @@ Random = np.random.Generator
 Path = Union[str, "os.PathLike[str]"]
 Document = Dict[str, Any]  # JSON values, and what functions of the compiled core return
 Plotly = Dict[str, object]  # a figure or a part of one, with the keys that plotly documents
+Style = Mapping[str, Union[str, float]]  # a line or a mark of plotly: color, width, dash
 Setting = Union[float, bool, str]  # value of a parameter in the core's tables
 Message = Any  # a message of ROS, whose classes have no types
 Time = Any  # genpy.Time
