@@ -5,7 +5,7 @@ import shlex
 from typing import List, Mapping
 
 from ground.support import files
-from ground.workshop.session import TriedModel, Session
+from ground.workshop.session import Session, Stage
 
 HEAD = '''"""What was done on the workbench. It prints the error of each model: predictions after %g s."""
 
@@ -29,9 +29,9 @@ models = {}
 %s'''
 
 
-def path_to(session: Session, node: int) -> List[TriedModel]:
+def path_to(session: Session, node: int) -> List[Stage]:
     """The models from the first to one of the history."""
-    found: List[TriedModel] = []
+    found: List[Stage] = []
     while node:
         found.insert(0, session.nodes[node])
         node = session.nodes[node].parent

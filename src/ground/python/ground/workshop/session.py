@@ -20,7 +20,7 @@ Ticked = Tuple[List[str], work.Cuts]  # the runs that are fitted, and the spans 
 
 
 @dataclass(frozen=True)
-class TriedModel:
+class Stage:
     """A model of the history, and its errors on the runs that were ticked. None: not known."""
 
     id: int
@@ -94,7 +94,7 @@ class Session:
         self.lock, self._building = threading.RLock(), threading.Lock()
         self.changed = threading.Condition(self.lock)
         self.version = 0
-        self.nodes: Dict[int, TriedModel] = {}
+        self.nodes: Dict[int, Stage] = {}
         self.current = 0
         self.roles: Dict[str, str] = {}
         self.cuts: work.Cuts = {}
@@ -118,7 +118,7 @@ class Session:
             roles = {r.name: HELD_OUT if r.name in held_out else FIT for r in recordings}
             self._do("roles", roles=roles)
         if not self.nodes:
-            self._add(TriedModel(1, 0, "start", "the given model", self.given.format()))
+            self._add(Stage(1, 0, "start", "the given model", self.given.format()))
         if self.search.state == "running":
             self._do("search", state="stopped")
 
@@ -155,7 +155,7 @@ class Session:
         elif kind in ("roles", "judge", "formula", "current"):
             setattr(self, kind, event[kind])
         elif kind == "node":
-            node = TriedModel(**dict(event["node"], cuts=_cuts(event["node"]["cuts"])))
+            node = Stage(**dict(event["node"], cuts=_cuts(event["node"]["cuts"])))
             self.nodes[node.id], self.current = node, node.id
         elif kind == "cuts":
             self.cuts = _cuts(event["cuts"])
@@ -196,7 +196,7 @@ class Session:
         model = self.model_of(node)
         return model.with_values({str(k): float(v) for k, v in values.items()}) if values else model
 
-    def _judged(self, node: TriedModel, ticked: Ticked, after: Optional[work.Errors] = None) -> TriedModel:
+    def _judged(self, node: Stage, ticked: Ticked, after: Optional[work.Errors] = None) -> Stage:
         """A node with its errors on the runs that are ticked: as it is, and after, cross-validated, where it
         was fitted."""
         ready, model = self.predictor(*ticked), Model.parse(node.model)
@@ -283,11 +283,9 @@ class Session:
             given = {**(own.values or {}), **values} if is_last else dict(values)
             what = ", ".join("%s %.4g" % item for item in given.items())
             number, parent = (node, own.parent) if is_last else (max(self.nodes) + 1, node)
-            self._add(TriedModel(number, parent, "set", what, model.format(), values=given))
+            self._add(Stage(number, parent, "set", what, model.format(), values=given))
 
-    def _add(
-        self, node: TriedModel, ticked: Optional[Ticked] = None, after: Optional[work.Errors] = None
-    ) -> None:
+    def _add(self, node: Stage, ticked: Optional[Ticked] = None, after: Optional[work.Errors] = None) -> None:
         self._do("node", node=self._judged(node, ticked or self.ticked(), after).entry())
 
     def select(self, node: int) -> None:
@@ -419,7 +417,7 @@ class Session:
         else:
             what = "fit" if job.kind == "fit" else "add " + found["effect"]
             known = {name: found[name] for name in REFIT if name in found}
-            node = TriedModel(max(self.nodes) + 1, job.node, job.kind, what, found["model"], **known)
+            node = Stage(max(self.nodes) + 1, job.node, job.kind, what, found["model"], **known)
             self._add(replace(node, effect=job.effect), job.ticked, found["after"])
 
 

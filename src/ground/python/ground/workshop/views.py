@@ -16,7 +16,7 @@ MOTION = ("x", "y", "psi", "u", "v", "r")
 
 
 @dataclass(frozen=True)
-class PartOfRun:
+class Span:
     """A part of a run, predicted by a model."""
 
     ready: Predictor
@@ -26,7 +26,7 @@ class PartOfRun:
     end: float  # [s]
 
 
-def curves(part: PartOfRun) -> Dict[str, List[Optional[float]]]:
+def curves(part: Span) -> Dict[str, List[Optional[float]]]:
     """What a model predicts of a part of a run: t, x ... r, and None between starts."""
     end = min(part.end, part.start + MOST_SECONDS)
     made = part.ready.motion(part.model, part.run, part.start, end)
@@ -37,7 +37,7 @@ def curves(part: PartOfRun) -> Dict[str, List[Optional[float]]]:
     return {name: _listed(values) for name, values in zip(("t", *MOTION), columns.T)}
 
 
-def measured(part: PartOfRun) -> Dict[str, object]:
+def measured(part: Span) -> Dict[str, object]:
     """What was measured in a part of a run, and the commands."""
     frame = part.ready.measured(part.run, part.start, part.end)
     frame = frame.iloc[_thinned(len(frame))]
@@ -47,7 +47,7 @@ def measured(part: PartOfRun) -> Dict[str, object]:
     }
 
 
-def missing(part: PartOfRun) -> Dict[str, object]:
+def missing(part: Span) -> Dict[str, object]:
     """The missing force and moment along a part of a run, with what it may depend on."""
     end = min(part.end, part.start + MOST_SECONDS)
     whole = part.ready.missing(part.model, part.run, part.start, end)

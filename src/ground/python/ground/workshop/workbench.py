@@ -123,11 +123,11 @@ def _files() -> Dict[str, Tuple[bytes, str]]:
 def actions(session: Session, folder: str, reading: Mapping[str, object]) -> Dict[str, Action]:
     """What the page may ask for, by name."""
 
-    def part(of: Document) -> views.PartOfRun:
+    def part(of: Document) -> views.Span:
         ready = session.predictor([str(of["run"])], {})
         model = session.varied(int(of["node"]), dict(of.get("values", {})))
         start, end = float(of.get("from") or 0.0), float(of["to"]) if of.get("to") else float("inf")
-        return views.PartOfRun(ready, model, str(of["run"]), start, end)
+        return views.Span(ready, model, str(of["run"]), start, end)
 
     def error(of: Document) -> Dict[str, float]:
         model = session.varied(int(of["node"]), dict(of.get("values", {})))
