@@ -215,23 +215,27 @@ class LiveComparisonTest(unittest.TestCase):
         self.check_legend()
 
     def check_legend(self):
-        """Each line has the colour of what it explains, and all begin at the left; arrows of thrust have the
-        stated scale."""
+        """Texts have a patch in the colour of what they explain, and begin at the left; arrows of thrust
+        have the stated scale."""
         model = _core.load_model(MODEL)
         better = lambda: any(m.text.endswith("better") for m in self.legend.message.markers)  # noqa: E731
         harness.wait_for(better, 10, "a legend that says which model is better")
-        first, *lines = self.legend.message.markers
+        first, panel, *markers = self.legend.message.markers
         self.assertEqual(first.action, Marker.DELETEALL)
-        for line in lines:
-            self.assertEqual((line.type, line.header.frame_id), (Marker.TEXT_VIEW_FACING, "view"))
-            edge = line.pose.position.y - 0.5 * line.scale.z * _core.text_width(line.text)
-            self.assertAlmostEqual(edge, rospy.get_param("visualizer/legend_aside"), places=6)
+        self.assertEqual({marker.header.frame_id for marker in markers}, {"view"})
+        self.assertEqual(panel.type, Marker.CUBE)
+        lines = [marker for marker in markers if marker.type == Marker.TEXT_VIEW_FACING]
+        patches = {m.pose.position.x: m for m in markers if m.type == Marker.CUBE}
+        edges = [m.pose.position.y - 0.5 * m.scale.z * _core.text_width(m.text) for m in lines]
+        self.assertLess(max(edges) - min(edges), 1e-6)
+        self.assertLess(max(m.pose.position.y for m in patches.values()), min(edges))
         entries = {line.text.split(":")[0]: line for line in lines}
         line = entries["tilted_craft"]
         self.assertRegex(line.text, r"^tilted_craft: [\d.]+ mm, [\d.]+ deg after 1 s, better$")
         self.assertRegex(lines[lines.index(line) + 1].text, r"noise alone: [\d.]+ mm, [\d.]+ deg$")
         self.assertNotIn("reference", [line.text for line in lines], "there is none")
-        color = [round(255 * c) for c in (line.color.r, line.color.g, line.color.b)]
+        patch = patches[line.pose.position.x].color
+        color = [round(255 * c) for c in (patch.r, patch.g, patch.b)]
         self.assertEqual("#%02x%02x%02x" % tuple(color), _core.palette["models"][1])
         length = rospy.get_param("visualizer/thrust_length")
         full = model.value("k") * model.input_max
