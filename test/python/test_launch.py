@@ -654,7 +654,7 @@ def test_rviz_shows_a_recording_against_two_models(tmp_path):
             subprocess.run(
                 ["import", "-window", "root", picture], env=dict(os.environ, **drawing), check=True
             )
-            scene = Image.open(picture).convert("RGB").crop((350, 70, 1280, 870))  # beside the legend
+            scene = Image.open(picture).convert("RGB").crop((500, 70, 1280, 870))  # beside the legend
             pixels = scene.resize((465, 400), Image.NEAREST).getdata()
             close = lambda c, to: all(abs(a - b) < 25 for a, b in zip(c, to))  # noqa: E731
             of = _core.palette

@@ -10,7 +10,7 @@ import rospy
 import rostest
 from ground_msgs.msg import Burst, ControllerStatus, Controls, Decision, State
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from ground import _core
 
@@ -81,12 +81,15 @@ class RoomTest(unittest.TestCase):
         self.check_legend(legend.message.markers[1:])
 
     def check_legend(self, lines):
-        """Each line begins at the left edge, which the view shows, and ends before the wall."""
-        self.assertGreater(len(lines), 3)
+        """Each patch is at the left edge, which the view shows; each text ends before the wall."""
+        texts = [line for line in lines if line.type == Marker.TEXT_VIEW_FACING]
+        self.assertGreater(len(texts), 3)
         aside = rospy.get_param("visualizer/legend_aside")
-        for line in lines:
+        for patch in (line for line in lines if line.type == Marker.CUBE):
+            self.assertAlmostEqual(patch.pose.position.y - 0.5 * patch.scale.y, aside, places=6)
+        for line in texts:
             half = 0.5 * line.scale.z * _core.text_width(line.text)
-            self.assertAlmostEqual(line.pose.position.y - half, aside, places=6, msg=line.text)
+            self.assertGreater(line.pose.position.y - half, aside + line.scale.z, line.text)
             self.assertLess(line.pose.position.y + half, -HALF_WIDTH, line.text)
 
     def check_states(self, status):

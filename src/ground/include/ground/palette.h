@@ -5,7 +5,7 @@
 namespace ground::palette {
 
 /// Colours "#rrggbb" of everything that ground draws: pages, pictures, curves and rviz. They are
-/// those of Okabe and Ito, "Color Universal Design" (2008), which people with protanopia,
+/// the colours of Okabe and Ito, "Color Universal Design" (2008), which people with protanopia,
 /// deuteranopia and tritanopia distinguish.
 constexpr const char *kBlack = "#000000", *kOrange = "#e69f00", *kSkyBlue = "#56b4e9", *kGreen = "#009e73",
                      *kBlue = "#0072b2", *kVermillion = "#d55e00", *kPurple = "#cc79a7";

@@ -4,7 +4,7 @@
 
 namespace ground {
 
-/// Width of a line of text in rviz, which centres texts, relative to the height of its letters: that of
+/// Width of a line of text in rviz, which centres texts, relative to the height of its letters, in
 /// Liberation Sans; blanks are as wide as an A.
 inline double textWidth(const std::string& text) {
   struct Letters {

@@ -11,9 +11,10 @@
 namespace ground {
 namespace {
 
-constexpr double kLetter = 0.12;  // height [m]
-constexpr double kRow = 0.19;     // distance between lines [m]
-constexpr double kZ = -0.4;       // above all else; z points down [m]
+constexpr double kRow = 1.55;    // distance between lines, relative to a letter
+constexpr double kPatch = 0.8;   // side of a patch of colour, relative to a letter
+constexpr double kIndent = 1.3;  // from a patch's left edge to the text, relative to a letter
+constexpr double kZ = -0.4;      // above all else; z points down [m]
 
 /// As in "1", "0.25".
 std::string seconds(double value) {
@@ -27,14 +28,14 @@ std::string inWords(double position, double heading) {
   return rounded(1e3 * position) + " mm, " + rounded(180 / M_PI * heading) + " deg";
 }
 
-/// Lines of at most some width [m], broken at blanks.
+/// Lines of at most some width, relative to a letter, broken at blanks.
 LegendLines wrapped(const LegendLines& lines, double width) {
   LegendLines found;
   for (const LegendLine& line : lines) {
     std::istringstream words(line.text);
     std::string text, word, blank(std::min(line.text.size(), line.text.find_first_not_of(' ')), ' ');
     while (words >> word) {
-      if (!text.empty() && kLetter * textWidth(text + blank + word) > width)
+      if (!text.empty() && textWidth(text + blank + word) > width)
         found.push_back({text, line.color}), text.clear(), blank = "    ";
       text += blank + word;
       blank = " ";
@@ -70,22 +71,43 @@ void addModel(LegendLines& lines, const ground_msgs::ModelError& error, bool is_
   lines.push_back({"    noise alone: " + inWords(error.position_noise, error.heading_noise), color});
 }
 
-visualization_msgs::MarkerArray legendMarkers(const LegendLines& given, const std::string& frame, double top,
-                                              double left, double right) {
+visualization_msgs::MarkerArray legendMarkers(const LegendLines& given, const std::string& frame,
+                                              LegendPlace place) {
   using visualization_msgs::Marker;
   visualization_msgs::MarkerArray array;
   array.markers.push_back(makeMarker(frame, "legend", 0, Marker::CUBE, markerColor(palette::kBlack)));
   array.markers.back().action = Marker::DELETEALL;
-  const LegendLines lines = wrapped(given, right - left);
-  for (const LegendLine& line : lines) left = std::min(left, right - kLetter * textWidth(line.text));
-  for (const LegendLine& line : lines) {
+  if (given.empty()) return array;
+  const double letter = place.letter;
+  const auto add = [&](int type, const std::string& color, double row, double aside) -> Marker& {
     const int id = static_cast<int>(array.markers.size());
-    Marker m = makeMarker(frame, "legend", id, Marker::TEXT_VIEW_FACING, markerColor(line.color));
+    array.markers.push_back(makeMarker(frame, "legend", id, type, markerColor(color)));
+    Marker& m = array.markers.back();
     m.frame_locked = true;
-    m.text = line.text;
-    m.scale.z = kLetter;
-    m.pose.position = markerPoint(top - (id - 1) * kRow, left + 0.5 * kLetter * textWidth(line.text), kZ);
-    array.markers.push_back(m);
+    m.pose.position = markerPoint(place.top - row * kRow * letter, place.left + aside * letter, kZ);
+    return m;
+  };
+  const LegendLines lines = wrapped(given, (place.right - place.left) / letter - kIndent);
+  for (const LegendLine& line : lines)
+    place.left = std::min(place.left, place.right - letter * (kIndent + textWidth(line.text)));
+  double width = 0;
+  for (const LegendLine& line : lines) width = std::max(width, kIndent + textWidth(line.text));
+  const auto rows = static_cast<double>(lines.size());
+  Marker& panel = add(Marker::CUBE, "#ffffff", 0.5 * (rows - 1), 0.5 * width);
+  panel.pose.position.z = 0.5 * kZ;
+  panel.scale.x = kRow * rows * letter;
+  panel.scale.y = width * letter;
+  panel.scale.z = 0.001;
+  for (std::size_t row = 0; row < lines.size(); ++row) {
+    const LegendLine& line = lines[row];
+    const auto down = static_cast<double>(row);
+    Marker& text = add(Marker::TEXT_VIEW_FACING, palette::kBlack, down, kIndent + 0.5 * textWidth(line.text));
+    text.text = line.text;
+    text.scale.z = letter;
+    if (line.text[0] == ' ') continue;
+    Marker& patch = add(Marker::CUBE, line.color, down, 0.5 * kPatch);
+    patch.scale.x = patch.scale.y = kPatch * letter;
+    patch.scale.z = 0.001;
   }
   return array;
 }

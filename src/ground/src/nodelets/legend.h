@@ -8,7 +8,7 @@
 
 namespace ground {
 
-/// A line of the legend of rviz, in the colour of what it explains.
+/// A line of the legend of rviz, with the colour of what it explains.
 struct LegendLine {
   std::string text, color;
   bool operator==(const LegendLine& other) const { return text == other.text && color == other.color; }
@@ -24,10 +24,16 @@ std::string rounded(double value);
 /// A force, as in "62 mN", "0.56 N".
 std::string newtons(double value);
 
-/// Markers of lines one below the other in a frame as seen from above with x upwards and y to the right,
-/// left-aligned. They replace earlier ones. top, left: upper and left edge [m]; lines are broken before
-/// `right` [m]; a word that would reach beyond it moves all lines to the left.
-visualization_msgs::MarkerArray legendMarkers(const LegendLines& given, const std::string& frame, double top,
-                                              double left, double right);
+/// Where a legend is in a frame as seen from above, with x upwards and y to the right [m].
+struct LegendPlace {
+  double top, left, right;
+  double letter;  ///< height of a letter
+};
+
+/// Markers of lines one below the other on a white panel, left-aligned, each after a patch of its colour
+/// unless it continues the line above (it begins with a blank then). They replace earlier ones. Lines are
+/// broken before the right edge; a word that would reach beyond it moves all lines to the left.
+visualization_msgs::MarkerArray legendMarkers(const LegendLines& given, const std::string& frame,
+                                              LegendPlace place);
 
 }  // namespace ground

@@ -283,13 +283,15 @@ class Visualizer : public Shell {
     arrow(kMissing + 1, 2.5 * l, {0, w[2] / l}, known && std::abs(w[2]) > kSure * noise[2]);
   }
 
-  /// Publishes the legend when it changes, left of the room's walls.
+  /// Publishes the legend when it changes, left of the room's walls or of the craft that the view follows.
   void publishLegend() {
     const LegendLines lines = config_.legend ? legendLines() : LegendLines();
     if (lines == legend_) return;
     legend_ = lines;
-    const double right = follows() ? std::numeric_limits<double>::infinity() : left_wall_ - home_.y() - kGap;
-    legend_publisher_.publish(legendMarkers(lines, kView, config_.legend_ahead, config_.legend_aside, right));
+    const double near = follows() ? kNear : 1;
+    const double right = follows() ? kLegendRight : left_wall_ - home_.y() - kGap;
+    legend_publisher_.publish(legendMarkers(
+        lines, kView, {near * config_.legend_ahead, near * config_.legend_aside, right, near * kLetter}));
   }
 
   /// What each line, arrow and colour is, with its unit and scale; how far each model is off.
@@ -311,7 +313,7 @@ class Visualizer : public Shell {
     if (config_.floor_map && !floor_.cells().empty())
       lines.push_back({"floor: off by " + rounded(1e3 * floor_noise_) + " mm (dark, noise) to " +
                            rounded(1e3 * floorTop()) + " mm",
-                       palette::kBlack});
+                       palette::kScale.back()});
     return lines;
   }
 
@@ -367,10 +369,14 @@ class Visualizer : public Shell {
   static constexpr double kSure = 3.5;         // least missing force that is shown, relative to noise
   static constexpr double kShortest = 0.02, kLongest = 0.8;  // arrow of a missing force [m]
   static constexpr double kGap = 0.2;                        // between legend and wall [m]
-  static constexpr double kLegendPeriod = 1.0;               // interval of legends [s]
-  static constexpr double kArrowWidth = 0.03;                // shaft of an arrow of thrust [m]
-  static constexpr double kAboveGrid = -0.01;                // z points down [m]
-  static constexpr const char* kView = "view";               // frame that views and the legend follow
+  static constexpr double kLetter = 0.165;                   // height in a view of the room [m]
+  static constexpr double kNear =
+      132. / 420;  // size of what the view near the craft shows, by that of a room
+  static constexpr double kLegendRight = -0.2;  // right edge of a legend that follows the craft [m]
+  static constexpr double kLegendPeriod = 1.0;  // interval of legends [s]
+  static constexpr double kArrowWidth = 0.014;  // shaft of an arrow of thrust [m]
+  static constexpr double kAboveGrid = -0.01;   // z points down [m]
+  static constexpr const char* kView = "view";  // frame that views and the legend follow
   static constexpr const char *kHullColor = "#c8c8c8", *kBowColor = "#404040";
   /// First numbers of the markers of the craft.
   enum { kHull = 0, kBow = 1, kMissing = 2, kThrusters = 10, kThrust = kThrusters + kMaxThrusters };

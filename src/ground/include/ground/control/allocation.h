@@ -16,14 +16,14 @@ namespace ground {
 ///     wX (X - X*)^2 + wY (Y - Y*)^2 + wN ((N - N*) / l)^2 + e sum (F_i / (k gain_i))^2
 ///
 /// with a small e: the error of the wrench comes first, then the squares of the forces relative to
-/// those of input 1 (of the commands, if force curves are linear). It is the weighted least squares
+/// the forces at input 1 (the commands, if force curves are linear). It is the weighted least squares
 /// of Harkegard, Efficient active set algorithms for solving constrained least squares problems in
 /// aircraft control allocation, CDC 2002. Allocates no memory after construction. One thread at a
 /// time.
 ///
 /// The wrench of a craft with rudders or turning thrusters is not linear in their angles. It minimises the
 /// same errors over the inputs, e times whose squares are the effort, by Gauss-Newton steps from several
-/// starts; forces are those of a craft at rest, with the effects on its angles.
+/// starts; forces are forces on a craft at rest, with the effects on its angles.
 class Allocation {
  public:
   /// Weights of the squared errors of X, Y and N / l. Equal weights give the pair the inputs of
@@ -34,7 +34,7 @@ class Allocation {
   /// What the thrusters give.
   struct Output {
     Thrusters<double> inputs;  ///< within the ranges, in the model's units
-    /// The inputs if they give the demanded wrench; if not, those of the least-squares solution
+    /// The inputs if they give the demanded wrench; if not, the least-squares solution
     /// without ranges.
     Thrusters<double> wanted;
     Vector3<double> wrench;  ///< X, Y [N], N [N m] of the inputs

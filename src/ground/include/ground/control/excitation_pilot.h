@@ -28,7 +28,7 @@ struct ReturnParams {
 /// could no longer be stopped inside the room (Fence) at some point of that way, if the mocap were
 /// lost for Fence::kLoss and all distances were longer by kModelError. A return ends half way from home to
 /// a wall as soon as there is room for a burst; the craft may still move. The next burst continues with the
-/// next row of the signal. All inputs are known, including those of the returns, so feedback does
+/// next row of the signal. All inputs are known, including inputs of the returns, so feedback does
 /// not bias an identification by prediction errors (Ljung, System Identification, 2nd ed., 13.4).
 class ExcitationPilot : public Pilot {
  public:
@@ -39,7 +39,7 @@ class ExcitationPilot : public Pilot {
   /// The beginning of a burst or a return.
   struct Mark {
     double time;  ///< clock of stamps [s]
-    int number;   ///< number of the burst, from 1; a return has that of the burst before
+    int number;   ///< number of the burst, from 1; a return has the number of the burst before
     bool burst;
     std::string reason;  ///< why it begins
   };

@@ -14,7 +14,7 @@ struct DesignParams {
   std::string kind = "prbs";
   double clock = 15.0;  ///< bits per second [Hz]
   /// Input levels, 0..1, or -1..1 with reversible thrusters; each is limited to the range of its
-  /// thruster. Empty means those of the design: 0 and 1, or 0, 0.25 .. 1; with reversible thrusters
+  /// thruster. Empty means the design's levels: 0 and 1, or 0, 0.25 .. 1; with reversible thrusters
   /// -1 and 1, or -1, -0.5 .. 1.
   std::vector<double> levels;
   int order = 9;           ///< order of the binary sequence: 2^order - 1 bits, 2..20
@@ -60,7 +60,7 @@ struct InputSignal {
 InputSignal makeDesign(const DesignParams& params, double duration);
 
 /// Reads inputs from a CSV file. Rows with the header time and the channels of all thrusters, with
-/// or without that of the lift (for the pair time,left,right or time,left,right,lift), are each
+/// or without the lift (for the pair time,left,right or time,left,right,lift), are each
 /// held until the next and end with the last time. Bits LEFT,RIGHT (readPrbs), for two thrusters
 /// only, are played with `params` for `duration` [s]. Throws std::runtime_error that names file and
 /// line.

@@ -16,7 +16,7 @@ namespace ground {
 /// regulator with bounds on the inputs (Tassa, Mansard, Todorov, Control-limited differential
 /// dynamic programming, 2014), in its Gauss-Newton form with exact derivatives of the model.
 /// Allocates memory only at construction. A thruster whose force curve is flat at 0 has no
-/// derivative there: it gets that of a small input.
+/// derivative there: it gets the derivative at a small input.
 class TrajectoryOptimizer {
  public:
   static constexpr int kStates = 6 + kMaxStates;
@@ -119,8 +119,8 @@ class TrajectoryOptimizer {
   Trajectory plan_, tried_;
   std::vector<Stage> stages_;
   double cost_ = 0;
-  bool is_linear_ = false;  ///< whether the derivatives are those of the plan
-  bool has_gains_ = false;  ///< whether the gains are those of the plan
+  bool is_linear_ = false;  ///< whether the derivatives belong to the plan
+  bool has_gains_ = false;  ///< whether the gains belong to the plan
   double damping_ = 0;      ///< of the next iteration of this plan
   /// First inputs of the last iteration without bounds; NaN before it.
   Thrusters<double> unbounded_;

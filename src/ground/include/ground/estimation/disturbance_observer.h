@@ -16,7 +16,7 @@ namespace ground {
 /// the body frame.
 ///
 /// It takes poses as the mocap gives them, with their covariance. Gyro and accelerometer, where there are
-/// any, measure the yaw rate, and the acceleration since the last pose, whose random part is also that of
+/// any, measure the yaw rate, and the acceleration since the last pose, whose random part is also part of
 /// the motion.
 ///
 /// It applies the model's input delay and simulates the states of its effects, without correcting

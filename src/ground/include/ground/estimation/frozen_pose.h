@@ -5,7 +5,7 @@
 namespace ground {
 
 /// Detects a mocap that has lost the craft and repeats its last pose. Measured poses have noise and never
-/// repeat exactly. Those of a simulator without noise may, so a hundred poses must have differed before.
+/// repeat exactly. Poses of a simulator without noise may, so a hundred poses must have differed before.
 class FrozenPose {
  public:
   using Pose = std::array<double, 7>;  ///< position and orientation

@@ -133,7 +133,7 @@ class ModelMonitor {
 
 /// Which of two models currently predicts better.
 struct Preference {
-  double difference = 0;      ///< error of the first minus that of the second model [noise alone is 1]
+  double difference = 0;      ///< error of the first minus error of the second model [noise alone is 1]
   double standard_error = 0;  ///< standard error of the difference, by blocks of one horizon
   bool clear() const { return std::abs(difference) > 2 * standard_error && standard_error > 0; }
 };

@@ -74,7 +74,7 @@ struct GreyBoxResiduals {
   Eigen::MatrixXd responses;   ///< response of the whitened innovations, row by row
 };
 
-/// The wrench of the disturbance along a run given all its poses, without that of the thrust's change:
+/// The wrench of the disturbance along a run given all its poses, without the wrench of the thrust's change:
 /// X, Y [N], N [N m], body, one row a sample.
 struct SmoothedWrench {
   Eigen::MatrixX3d wrench, sigma;  ///< and its standard deviations

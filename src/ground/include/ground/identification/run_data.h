@@ -63,7 +63,7 @@ struct Window {
 
 /// Cuts the part [from, to] s of a run into windows of `length` seconds that share their end
 /// points. Drops a last piece of half a window or less. Windows do not contain gaps in the measurements
-/// longer than `max_gap` seconds (default: that of the run). Throws std::invalid_argument if checkRun(run)
+/// longer than `max_gap` seconds (default: the run's). Throws std::invalid_argument if checkRun(run)
 /// does, a time is NaN, or the length or the gap is not positive.
 std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to, double length,
                                std::optional<double> max_gap = std::nullopt);

@@ -5,7 +5,7 @@
 namespace ground {
 
 /// Priorities under SCHED_FIFO of the threads between a pose and its packet. They rise on the way, so
-/// that each step interrupts the one before it. They stay below those of interrupts (50).
+/// that each step interrupts the one before it. They stay below the priority of interrupts (50).
 enum class RealTimePriority {
   kReport = 30,  ///< tells others what happened
   kReceive,      ///< exchanges messages with other processes

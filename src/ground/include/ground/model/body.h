@@ -23,7 +23,7 @@ struct Body {
   /// Voltage of the battery at which k holds [V]; 0: not told.
   double volts = 0.0;
 
-  /// Half the length of the hull [m]; without one, that of a bar with the craft's radius of gyration.
+  /// Half the length of the hull [m]; without one, of a bar with the craft's radius of gyration.
   T halfHull() const {
     using std::sqrt;
     return hull_length > 0 ? T(0.5 * hull_length) : T(sqrt(3.0 * I_z / m));

@@ -120,7 +120,7 @@ struct Point {
   const T* states;         ///< states of the effect that is called
 };
 
-/// Measured pose and velocity: those of the mocap's rigid body, not of the centre of the craft.
+/// Measured pose and velocity of the mocap's rigid body, not of the centre of the craft.
 template <typename T>
 struct Measurement {
   Vector3<T> eta;  ///< x, y [m], psi [rad], world_ned

@@ -16,12 +16,12 @@ namespace ground {
 /// An effect of a single thruster is named EFFECT_THRUSTER, such as thruster_gain_front_left; the
 /// layout must list that thruster.
 EffectPtr makeEffect(const std::string& name, const ThrusterLayout& layout = *thrusterPair());
-/// Names of the effects of the library for such a craft, in alphabetical order, those of single
+/// Names of the effects of the library for such a craft, in alphabetical order, effects of single
 /// thrusters last. Throws as makeEffect does.
 std::vector<std::string> effectNames(const ThrusterLayout& layout = *thrusterPair());
 /// Adds an effect to the library; a static object calls it (GROUND_REGISTER_EFFECT). Errors, such
-/// as a duplicate name, are thrown later by makeEffect and effectNames, because nobody can catch
-/// what a library throws while it is loaded.
+/// as a duplicate name, are thrown later by makeEffect and effectNames, because what a library
+/// throws while it is loaded cannot be caught.
 bool registerEffect(EffectPtr effect);
 /// Adds an effect of a single thruster: `make` gives it for thruster number i under a name
 /// (GROUND_REGISTER_THRUSTER_EFFECT).
@@ -203,7 +203,7 @@ class ThrusterEffect final
 ///     kActuate           act(p, h, the effect's states, thruster, step inputs)
 ///
 /// `static bool suits(layout, thruster)`, if it has one, says which channels have the effect; by default
-/// those of forces. See ThrusterGain in src/model/effects/thrust.cpp.
+/// all channels of forces. See ThrusterGain in src/model/effects/thrust.cpp.
 #define GROUND_REGISTER_THRUSTER_EFFECT(E)                                                          \
   namespace {                                                                                       \
   [[maybe_unused]] const bool E##_registered =                                                      \

@@ -36,7 +36,7 @@ struct ExpressionDefinition {
   std::vector<State> states{};
   bool world = false;  ///< X and Y are along the axes of the world, not of the body
 
-  /// Names and texts of all formulas other than those of the states.
+  /// Names and texts of all formulas but the formulas of the states.
   std::vector<std::pair<std::string, std::string>> components() const {
     std::vector<std::pair<std::string, std::string>> all = {{"X", X}, {"Y", Y}, {"N", N}};
     for (const auto& [thruster, formula] : thrusts) all.emplace_back("thrust_" + thruster, formula);

@@ -31,7 +31,7 @@ bool isPlausibleVoltage(double volts, double nominal);
 ///     2 k input_max / X_u    top speed; with Y_v as well      above 0.05 m/s
 ///     k input_max l / N_r    top yaw rate                     above 0.05 rad/s
 ///
-/// Of a ratio out of range, the parameter farthest from that of a typical craft is implausible. Its probable
+/// Of a ratio out of range, the parameter farthest from a typical value is implausible. Its probable
 /// unit (grams, centimetres, g cm^2, millinewtons, ...) is the one that brings the ratio into its range.
 ///
 /// A craft is refused if its acceleration by full thrust is below 1e-4 m/s^2 (a metre takes more

@@ -15,7 +15,7 @@ struct InertialMeasurement {
   double span = 0;               ///< time since the pose before [s]
 };
 
-/// What is measured at a stamp, before any filter: its errors are independent of those of other stamps.
+/// What is measured at a stamp, before any filter: its errors are independent of the errors at other stamps.
 /// Filters with the craft's model use it in place of the filtered state, whose errors are not.
 struct PoseMeasurement {
   /// x, y [m], psi [rad], which may be wrapped, world_ned; NaN: no pose.

@@ -7,7 +7,7 @@
 
 namespace ground {
 
-/// What is known of the angle of one channel; effects may change it. Only that of a foil has more than
+/// What is known of the angle of one channel; effects may change it. Only the angle of a foil has more than
 /// the first two.
 template <typename T>
 struct Steered {
@@ -30,7 +30,7 @@ std::vector<Steered<T>> steeringOf(const ThrusterLayout& layout) {
   return all;
 }
 
-/// Cosine and sine of the angle of each channel; only those of angles are set.
+/// Cosine and sine of the angle of each channel; only channels of angles are set.
 template <typename T>
 struct Angles {
   Thrusters<T> c, s;

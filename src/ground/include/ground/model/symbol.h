@@ -47,7 +47,7 @@ class Condition {
 /// One step of a calculation.
 struct Operation {
   /// "constant", "symbol", an operator of C ("neg": the sign, "select": `?:`), a function of math.h
-  /// ("abs", "min" and "max" for those of doubles).
+  /// ("abs", "min" and "max" for functions of doubles).
   std::string name;
   std::string label;           ///< name of a symbol
   std::vector<int> arguments;  ///< places of earlier operations
@@ -55,8 +55,8 @@ struct Operation {
   double value;                ///< with the parameters' values, if it is fixed
 };
 
-/// Calculations that Symbols have written down, each only once. A Trace receives those of its thread
-/// as long as it lives; traces may be nested.
+/// Calculations that Symbols have written down, each only once. A Trace receives the calculations of its
+/// thread as long as it lives; traces may be nested.
 class Trace {
  public:
   Trace();

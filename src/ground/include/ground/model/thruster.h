@@ -65,7 +65,7 @@ struct Foil {
   double drag = 1;       ///< share of the force along the foil that the craft feels
 };
 
-/// A thruster of a craft, fixed in the body's frame, or an angle: that of a foil, or of a thruster that
+/// A thruster of a craft, fixed in the body's frame, or the angle of a foil or of a thruster that
 /// turns. Each has a channel of commands.
 struct Thruster {
   enum class Kind { kThruster, kTurn, kFoil };
@@ -116,7 +116,7 @@ class ThrusterLayout {
   bool any(Predicate holds) const {
     return std::any_of(thrusters_.begin(), thrusters_.end(), holds);
   }
-  /// Channel of each thruster's commands, then that of the lift.
+  /// Channel of each thruster's commands, then the channel of the lift.
   std::vector<std::string> channels() const;
   const std::string& liftChannel() const { return lift_channel_; }
   /// True for the left and right thruster of the thesis, which model files do not list.
@@ -125,9 +125,9 @@ class ThrusterLayout {
   bool sways() const { return sways_; }
   /// True if some channel is an angle.
   bool steers() const { return !links_.empty(); }
-  /// Whether the channel is that of a force.
+  /// Whether the channel commands a force.
   bool pushes(int i) const { return !(*this)[i].isAngle(); }
-  /// Number of channels that are those of forces.
+  /// Number of channels that command forces.
   int forces() const { return size() - static_cast<int>(links_.size()); }
 
   /// An angle of the craft, and what it acts on.

@@ -21,7 +21,7 @@ class Thrusters {
     int i = 0;
     for (const T& value : values) values_[i++] = value;
   }
-  /// Converts an Eigen vector, such as that of a left and a right thruster.
+  /// Converts an Eigen vector, such as the inputs of a left and a right thruster.
   template <class Derived>
   Thrusters(const Eigen::MatrixBase<Derived>& values)  // NOLINT: as vectors do
       : count_(checked(static_cast<std::size_t>(values.size()))) {

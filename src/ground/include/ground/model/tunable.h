@@ -50,7 +50,7 @@ const char* typeName() {
 }  // namespace detail
 
 /// A parameter in a struct: its description and its member, so that code can list, check, get and
-/// set it by its name. Its default is that of the struct's member.
+/// set it by its name. Its default is the default of the struct's member.
 ///
 ///   struct Gains { double k = 2; };
 ///   const Tunables<Gains> table = {{{"k", "kg/s", "Position error", 0, 10}, &Gains::k}};
@@ -70,7 +70,7 @@ struct Tunable : TunableInfo {
     type = detail::typeName<Value>();
     standard = get(Params());
   }
-  /// For a parameter whose type is known; the default is that of Params.
+  /// For a parameter whose type is known; the default is the member's in Params.
   Tunable(TunableInfo info, Get get_it, Set set_it)
       : TunableInfo(std::move(info)), get(std::move(get_it)), set(std::move(set_it)) {
     standard = get(Params());

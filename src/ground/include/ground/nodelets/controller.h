@@ -36,7 +36,7 @@ namespace ground {
 ///
 /// Parameters: real_time (false: ordinary priority; see wantsRealTime), auto_start (false),
 /// require_armed (true: wait for the sender), require_state (true; false only on a bench, where the
-/// craft is fastened), room (file of the room in which the craft is kept; empty: that of the sender,
+/// craft is fastened), room (file of the room in which the craft is kept; empty: the sender's room,
 /// if it has one). They cannot be changed at run time. Subscribes: state, sender/status, controls, drive
 /// (start of the drive, for a model loaded in the middle of it), sender/telemetry (the voltage of the
 /// battery, on which the thrust of a model may depend). Publishes: controls, ~status (latched),

@@ -50,7 +50,7 @@ inline void writePose(const PoseMeasurement& measured, ground_msgs::State& messa
   message.inertial_span = measured.inertial->span;
 }
 
-/// `stamp`: that of the message, on the clock of the caller [s].
+/// `stamp`: stamp of the message, on the clock of the caller [s].
 inline MeasuredState measuredState(const ground_msgs::State& message, double stamp) {
   MeasuredState measured;
   measured.stamp = stamp;

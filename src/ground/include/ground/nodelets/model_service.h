@@ -28,7 +28,7 @@ class ModelService {
   ModelService(CallbackThread& thread, const ros::NodeHandle& nh, const std::string& name, Take take) {
     using Load = ground_msgs::LoadModel;
     const std::string full = nh.resolveName(name);
-    // load_model replaces the value of parameter model, load_model2 that of model2.
+    // load_model replaces the value of parameter model, load_model2 the value of model2.
     const std::string parameter = name.substr(std::strlen("load_"));
     const auto file = std::make_shared<std::string>(nh.param<std::string>(parameter, ""));
     const auto serve = [full, parameter, file, changes = LiveChanges(nh), take = std::move(take)](

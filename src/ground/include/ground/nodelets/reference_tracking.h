@@ -27,8 +27,8 @@ namespace ground {
 /// Base of the controllers that follow a reference. Config is a dynamic_reconfigure class with the
 /// fields of cfg/tracking_parameters.py and the parameters of this kind in controllerTable().
 ///
-/// Parameters: model (model file, required) and those of Config, which can be changed at run time.
-/// Those that are not given are those of the node `controller` beside it, if that follows a
+/// Parameters: model (model file, required) and the parameters of Config, which can be changed at run time.
+/// A parameter that is not given is taken from the node `controller` beside it, if that follows a
 /// reference, so that a controller which is loaded later takes over its reference.
 /// A change of the reference restarts it. New controllers and references, which may take long to
 /// build from a large file, are built first and then swapped in; until then the controller uses the
@@ -206,7 +206,7 @@ class ReferenceTracking : public Controller {
   ReferenceParams reference_;
   ReferencePtr followed_;  ///< made from reference_; read only by the thread of changes
   ReferencePilot& pilot_;
-  std::optional<ReferencePoint> point_;  ///< that of a decision that is not published yet
+  std::optional<ReferencePoint> point_;  ///< of a decision that is not published yet
   ros::Time published_;                  ///< stamp of the newest message of the reference; guarded by mutex()
   ros::Publisher reference_publisher_, path_publisher_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;

@@ -10,7 +10,7 @@ namespace ground {
 /// Base of all nodelets: runs their callbacks in a thread of their own, and says why one does not start.
 class Shell : public nodelet::Nodelet {
  protected:
-  /// Loads parameters, advertises and subscribes. `nh` is the private handle, `topics` that of topics.
+  /// Loads parameters, advertises and subscribes. `nh` is the private handle, `topics` the handle of topics.
   /// An exception is logged and ends the nodelet.
   virtual void start(ros::NodeHandle& nh, ros::NodeHandle& topics) = 0;
 

@@ -18,7 +18,7 @@ inline double secondsBetween(const ros::Time& from, const ros::Time& to) {
 }
 
 /// Time of the steady clock of watchdogs, independent of ROS time [s]. In simulated time it skips pauses of
-/// the process, because the simulation pauses with it: if nobody reads the clock for longer than 50 ms, it
+/// the process, because the simulation pauses with it: if the clock is not read for longer than 50 ms, it
 /// advances by only 50 ms. A thread that waits by it must read it more often than that. Call from any
 /// thread.
 double steadyNow();

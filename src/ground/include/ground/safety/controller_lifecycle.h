@@ -78,8 +78,8 @@ class Pilot {
 ///     life.state(now, measured);  // every state
 ///     life.tick(now);             // not later than due(), also while no states come
 ///
-/// It sends zeros before it is started, too, so that a sender can be armed. It trusts nobody else to stop the
-/// craft, and nobody should trust it alone: the sender has a fence of its own.
+/// It sends zeros before it is started, too, so that a sender can be armed. It stops the craft without the
+/// help of another node, and is not the only one to do so: the sender has a fence of its own.
 ///
 /// States: IDLE, WAITING (for a valid state and an armed sender), LIFTING, RUNNING, then DONE or
 /// STOPPED. RUNNING changes to RECOVERING while the state is lost; LIFTING needs no state.

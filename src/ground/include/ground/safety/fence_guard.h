@@ -26,7 +26,7 @@ struct MeasuredState {
 
 /// Decides whether a craft has to be stopped to stay in its room: a Fence, the last states and the commands
 /// since then. A controller's life cycle has one with the room's margin, for what it commands, so that it
-/// stops first; the sender has one up to the walls, for what it really sends. Times are those of the clock of
+/// stops first; the sender has one up to the walls, for what it really sends. Times are on the clock of
 /// stamps [s].
 ///
 ///     guard.setFence(Fence(room, room.margin));

@@ -37,7 +37,7 @@ struct GroundLinkParams : GroundLinkFields {
 /// time, then the link is DISARMED. A fault, disarm or stop ends the silence early and sends zeros
 /// at once. Commands that arrive during the silence are never sent.
 ///
-/// All times are those of one steady clock [s]; the caller supplies them, and serialises the calls.
+/// All times are on one steady clock [s]; the caller supplies them, and serialises the calls.
 class GroundLink {
  public:
   enum class State { kDisarmed, kArmed, kFault };
@@ -63,7 +63,7 @@ class GroundLink {
   bool datagram(double now, const std::optional<CraftTelemetry>& telemetry, const UdpAddress& from);
   /// Call with every command. `source`: name of the controller; `age`: time since it was issued
   /// [s], negative for a stamp in the future. Refuses and counts a command that is not finite, for
-  /// other thrusters than those of the craft, too old, more than a second ahead or, while armed,
+  /// other thrusters than the craft's, too old, more than a second ahead or, while armed,
   /// not from the controller that the link was armed with.
   void command(double now, double age, const std::string& source, const MotorCommand& command);
   /// Call with a command that is not for this craft; `why` says so. It is refused and counted.

@@ -40,7 +40,7 @@ struct ExperimentParams {
   double imu_rate = 0;  ///< samples of a SimulatedImu that the craft sends as they are taken [Hz]; 0: none
   /// The craft, which must outlive the experiment; null for one that moves by the model. With a
   /// given craft, `initial`, `disturbance` and `battery` are not used, and the model gives the number of
-  /// thrusters and their largest input. Its clock is that of the experiment.
+  /// thrusters and their largest input. Its clock is the experiment's.
   Plant* plant = nullptr;
   Hazards hazards = {};  ///< its push and braking do not act on a given craft
 };

@@ -8,7 +8,7 @@
 
 namespace ground {
 
-/// What goes wrong in a simulated experiment, beside the noise and losses of MocapParams. Times are those of
+/// What goes wrong in a simulated experiment, beside the noise and losses of MocapParams. Times are on
 /// the experiment's clock. By default nothing does.
 struct Hazards {
   /// A stretch of time.

@@ -5,7 +5,7 @@
 namespace ground {
 
 /// A simulated craft on the floor of a SimulatedLab: it receives commands and moves. Its motion may follow
-/// any equations, not only those of a Model.
+/// any equations, not only a Model's.
 class Plant {
  public:
   virtual ~Plant() = default;
@@ -27,7 +27,7 @@ class Plant {
   virtual Vector3<double> wrench() const = 0;
   /// Voltage of its battery at the current time [V]; 0: it has none.
   virtual double voltage() const { return 0; }
-  /// Noise of the pose in the frame that is captured now [m], [m], [rad], besides that of
+  /// Noise of the pose in the frame that is captured now [m], [m], [rad], besides the noise of
   /// MocapParams. Called once for every frame, delivered or lost.
   virtual Vector3<double> poseNoise() { return Vector3<double>::Zero(); }
 };

@@ -31,7 +31,7 @@ struct MocapFrame {
 /// the time, and the same seed and commands give the same frames.
 class SimulatedLab {
  public:
-  /// The seed is that of the mocap, too.
+  /// The mocap has the same seed.
   struct Params : ModelCraft::Params {
     /// The craft stops its motors after this time without command [s]; 0: never.
     double watchdog = 0.25;
