@@ -402,23 +402,37 @@ effects: %s
 
 
 @slow
-def test_an_effect_of_millimetres_on_a_slow_craft_is_found(unplanned):
+def test_an_effect_of_millimetres_on_a_slow_craft_is_found(tmp_path, unplanned):
     """16 kg that full thrust accelerates by 0.0125 m/s^2: what a precise motion capture sees of a
     weak left thruster is small beside the noise of smoothed velocities, and large beside that of poses."""
     truth = _core.parse_model(SLOW % "[{name: thrust_asymmetry, a: 0.02}]", "truth")
-    runs = []
+    paths = []
     for seed in (1, 2):
         random = np.random.default_rng(seed)
-        sent, times = np.arange(80) / 2, np.arange(60 * 40) / 60
         bits = random.integers(0, 2, (80, 2))
-        commands = np.column_stack([sent, bits, np.zeros(80)])
+        commands = np.column_stack([np.arange(80) / 2, bits, np.zeros(80)])
+        times = np.arange(60 * 40) / 60
         eta = _core.simulate(truth, commands, times, np.zeros(3), np.zeros(3))["eta"]
         eta = eta + random.normal(size=eta.shape) * [2e-5, 2e-5, 1e-4]
-        named = {"channels": ("left", "right"), "name": "run%d" % seed}
-        runs.append(ground.Recording.from_arrays(times, eta, bits, sent, **named))
-    only = ["thrust_asymmetry", "quadratic_drag", "floor_tilt"]
-    found = ground.diagnose(ground.Model.parse(SLOW % "[]"), runs, only=only)
-    assert (found.verdict, found.effects) == ("missing", ("thrust_asymmetry",))
+        held = bits[np.minimum((2 * times + 1e-9).astype(int), 79)]
+        rows = ["time,x,y,psi,left,right"]
+        rows += ["%.5f,%.7f,%.7f,%.7f,%d,%d" % (t, *pose, *now) for t, pose, now in zip(times, eta, held)]
+        paths.append(tmp_path / ("run%d.csv" % seed))
+        paths[-1].write_text("\n".join(rows) + "\n")
+    (tmp_path / "model.yaml").write_text(SLOW % "[]")
+    (tmp_path / "mapping.yaml").write_text("""schema: ground/mapping/1
+poses: {position: {fields: [x, y]}, heading: {field: psi}, time: {field: time, unit: s}}
+commands:
+  time: {field: time, unit: s}
+  channels: {left: {field: left}, right: {field: right}}
+""")
+    result = succeeds(
+        "diagnose", *paths, "--mapping", tmp_path / "mapping.yaml", "--model", tmp_path / "model.yaml",
+        "--only", "thrust_asymmetry", "quadratic_drag", "floor_tilt", "-o", tmp_path / "out",
+    )  # fmt: skip
+    report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert report["verdict"] == "missing", result.stdout
+    assert report["improved"]["effects"] == ["thrust_asymmetry"]
 
 
 def held_by_a_controller(craft, seed, seconds=10.0):

@@ -90,8 +90,8 @@ def discovered(truth, tmp_path_factory):
 def test_it_finds_the_hidden_effect_and_confirms_it(discovered):
     text, out, story = discovered
     assert (story.verdict, story.findings[-1].effects) == ("missing", ["motor_lag"])
-    excited = [f.seconds for f in story.flights if f.flight.purpose != TRACK]
-    assert story.sure and story.ended and sum(excited) < 80 and story.flown < story.budget
+    seconds = [flown.seconds for flown in excited(story)]
+    assert story.sure and story.ended and sum(seconds) < 80 and story.flown < story.budget
     confirmation = story.confirmation
     assert confirmation.holds and confirmation.final <= confirmation.most
     # What the given model can do without the effect, fitted to the same flights, is the honest "before".
@@ -205,6 +205,11 @@ def test_wrong_options_are_refused_before_the_first_flight(tmp_path, truth, opti
 # --- Its page
 
 
+def excited(story):
+    """The flights that play inputs, and do not track."""
+    return [flown for flown in story.flights if flown.flight.purpose != TRACK]
+
+
 def paged(story, folder, place):
     """Path of the page of a story that went through journal.json."""
     again = Story.from_dict(plain(story))
@@ -225,8 +230,9 @@ def test_its_page_shows_each_flight_as_planned_and_as_flown(discovered, browser)
     assert len(names) == 1 + len(story.flights)  # errors; a figure of each flight
     assert_sound(browser, names)
     drawn, count = browser.execute_script(
-        "const t = document.getElementById('figure1').data;"
-        "return [t.map(t => t.name), t.find(t => t.name === 'planned').y.length]"
+        "const t = document.getElementById(arguments[0]).data;"
+        "return [t.map(t => t.name), t.find(t => t.name === 'planned').y.length]",
+        "figure%d" % excited(story)[0].flight.number,
     )
     assert drawn[:4] == ["walls", "planned", "flown", "start"] and count > 100
     assert "input, left" in drawn and "input, lift" in drawn
@@ -238,7 +244,7 @@ def unstarted(story):
 
 def stopped(story):
     """The first flight was stopped before anything was recorded."""
-    plan = dataclasses.replace(story.flights[0].flight, path=[], why="")
+    plan = dataclasses.replace(excited(story)[0].flight, path=[], why="")
     flights = [Flown(plan, "", 0.4, GIVEN, stopped="no pose for 0.5 s")]
     return Story(story.craft, story.room, 180.0, versions=story.versions[:1], flights=flights)
 
@@ -251,7 +257,7 @@ def unfinished(story):
         for flown in story.flights
     ]
     findings = [dataclasses.replace(f, beliefs=[], sentences=[], open=[]) for f in story.findings]
-    planned = dataclasses.replace(story.flights[0].flight, number=len(flights) + 1)
+    planned = dataclasses.replace(excited(story)[0].flight, number=len(flights) + 1)
     return dataclasses.replace(
         story, ended=False, confirmation=None, activity="diagnoses", tracking=check, flights=flights,
         findings=findings, planned=planned,
@@ -260,7 +266,7 @@ def unfinished(story):
 
 def long(story):
     """Twenty flights, most of which change nothing."""
-    first, made = story.flights[0], dataclasses.replace(story)
+    first, made = excited(story)[0], dataclasses.replace(story)
     for number in range(len(story.flights) + 1, 21):
         label = "after flight %d" % number
         errors = {version.label: (22.0, 4.0) for version in made.versions}
@@ -286,8 +292,9 @@ def test_missing_and_damaged_files_are_left_out_of_a_page(copied):
     folder, story = copied
     assert "motor_lag.tau" in (folder / "report.html").read_text()
     (folder / story.versions[-1].file).write_text("nonsense")
-    (folder / story.flights[0].flight.inputs).write_text("time,left,right,lift\n0,1,oops,1\n")
-    (folder / story.flights[1].flight.inputs).unlink()
+    damaged, missing, *_ = [folder / flown.flight.inputs for flown in excited(story)]
+    damaged.write_text("time,left,right,lift\n0,1,oops,1\n")
+    missing.unlink()
     text = paged(story, folder, None).read_text()
     assert "Flight 3" in text and "motor_lag.tau" not in text
 
@@ -534,8 +541,7 @@ def test_a_craft_that_misses_nothing_is_complete():
 
 def test_recordings_whose_thrusters_are_swapped_look_misread(discovered, analyst):
     _, out, story = discovered
-    excited = [f.recording for f in story.flights if f.flight.purpose != TRACK][:2]
-    right = ground.read([out / recording for recording in excited])
+    right = ground.read([out / flown.recording for flown in excited(story)[:2]])
     swapped = [dataclasses.replace(one, controls=one.controls[:, [1, 0, 2]]) for one in right]
     assert analyst.misread(right) == []
     assert "swapped" in " ".join(analyst.misread(swapped))
