@@ -5,7 +5,7 @@ products of the velocities.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, Optional, Sequence, Tuple, TypedDict
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple, TypedDict
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ground.poses import scatter
 from ground.poses.kinematics import KERNEL, accelerations, blur, clipped, middle, smooth_terms
 from ground.poses.repair import Motion
 from ground.reading.recording import Recording, once
-from ground.support.annotations import Array, Document, Flags
+from ground.support.annotations import Array, Flags
 
 # Tried lags of the motion behind the commands [s]; later ones if the last fits best.
 LAGS = np.arange(-0.3, 0.41, 0.01)
@@ -308,10 +308,17 @@ def fading(recording: Recording, lag: float) -> Optional[Tuple[float, float, flo
     return float(shares[0]), float(error), float(ages[quarter == least].mean())
 
 
-def authorities(recording: Recording) -> Document:
-    """What each thruster does to the craft at full input, by its name: forward and right, along the measured
-    body's axes [m/s^2], turn, clockwise from above [rad/s^2], and their standard errors from a jackknife
-    over blocks of time. Empty if the commands do not distinguish the thrusters."""
+class Authority(TypedDict):
+    """What a thruster does to the craft at full input."""
+
+    forward: float  # along the measured body's axes [m/s^2]
+    right: float  # [m/s^2]
+    turn: float  # clockwise from above [rad/s^2]
+    errors: List[float]  # standard errors of these, from a jackknife over blocks of time
+
+
+def authorities(recording: Recording) -> Dict[str, Authority]:
+    """The Authority of each thruster, by its name. Empty if the commands do not distinguish the thrusters."""
     motion, sent = recording.motion, recording.control_times
     inside = middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
     if inside.sum() < MIN_SAMPLES:
@@ -346,7 +353,7 @@ def decides(recording: Recording) -> bool:
     sizes, slow = found.std(axis=0), coarse(motion, motion.times[inside], found).std(axis=0)
     noise = np.sqrt(min(1.0, KERNEL * max(blur(motion)) / coarse_width(motion)))
     return bool((slow > noise * sizes).any()) and all(
-        abs(effect[key]) + EXCLUDED * error < size
-        for effect in authorities(recording).values()
-        for key, error, size in zip(("forward", "right", "turn"), effect["errors"], sizes)
+        abs(value) + EXCLUDED * error < size
+        for one in authorities(recording).values()
+        for value, error, size in zip((one["forward"], one["right"], one["turn"]), one["errors"], sizes)
     )

@@ -28,7 +28,7 @@ def _run(studies: Sequence[Document], about: Document, banded: Mapping[int, band
     )
     return {
         "name": run.name,
-        "beside": "%s; error: %s" % (findings.when(about), errors),
+        "beside": "%s; error: %s" % (findings.when(about["begins"]), errors),
         "motion": figures.motion(studies, banded.get(id(run))),
         "rows": [appearance.numbers_row(s["label"], s["role"], s["numbers"]) for s in studies],
         "points": ["%s: %s." % (s["label"], s["left_out"]) for s in studies if s["left_out"]],
