@@ -35,7 +35,6 @@ BATTERY = (
 UNUSABLE = "; %(unusable)d samples that are not positive numbers, left out"
 PAIR = ["left", "right"]  # the thrusters of a usual craft
 MAX_CHANGES = 30  # live changes that are listed; the rest is counted
-Values = Dict[str, object]  # plain values of a part of a description
 Spans = Sequence[Mapping[str, float]]  # each with start and end [s]
 
 # Poses that were repaired: key of their count, and words
@@ -76,7 +75,7 @@ def describe(
     return found
 
 
-def described(run: RepairedRun) -> Values:
+def described(run: RepairedRun) -> Document:
     """What a run holds and what is odd in it, as plain values; times are on the run's clock [s]."""
     recording = run.recording
     stamps, controls = recording.pose_times, recording.control_times
@@ -123,7 +122,7 @@ def described(run: RepairedRun) -> Values:
     }
 
 
-def _poses_of(run: RepairedRun) -> Values:
+def _poses_of(run: RepairedRun) -> Document:
     """Contents of `info` on the poses."""
     recording, motion = run.recording, run.motion
     stamps = recording.pose_times
@@ -131,7 +130,7 @@ def _poses_of(run: RepairedRun) -> Values:
     usual = scatter.interval(motion.times)
     third = scatter.third_differences(motion.times, motion.measured)
     intervals = np.diff(motion.times)
-    poses: Values = {
+    poses = {
         "count": len(stamps),
         "rate": float((len(stamps) - 1) / (stamps.max() - stamps.min())),
         "noise": {
@@ -168,7 +167,7 @@ def _poses_of(run: RepairedRun) -> Values:
     return poses
 
 
-def _controls_of(run: RepairedRun) -> Values:
+def _controls_of(run: RepairedRun) -> Document:
     """Contents of `info` on the commands."""
     recording, motion = run.recording, run.motion
     controls, thrust = recording.control_times, recording.thrust
