@@ -63,9 +63,8 @@ def said_or_found(work, *given, **options):
 
 def looked_at(run):
     """What info prints of a run."""
-    described = findings.describe([quality.repaired(run)])
     doubts = suspicions.about([run], ground.Model.load(MODEL).core)
-    return [list(findings.findings(d)) for d in findings.with_suspicions(described, doubts)]
+    return [list(findings.findings(d)) for d in findings.describe([quality.repaired(run)], doubts)]
 
 
 @pytest.mark.parametrize("odd", list(ODD))

@@ -74,8 +74,7 @@ def _averaged(
 
 def _run(recording: Recording, told: Told, twisted: bool, width: float, shift: float) -> Optional[_Run]:
     """The averages of a recording over a width [s]; shift: to earlier and later commands [s]."""
-    motion, sent = recording.motion, recording.control_times
-    inside = kinematics.middle(motion) & (motion.times > sent[0] + shift) & (motion.times < sent[-1] - shift)
+    motion, inside = recording.motion, reply.driven(recording, shift)
     if not inside.any():
         return None
     times, commands = motion.times[inside], told(recording)
@@ -87,7 +86,7 @@ def _run(recording: Recording, told: Told, twisted: bool, width: float, shift: f
     if len(means) < FEWEST:
         return None
     base = np.linalg.qr(means[:, -3:])[0]
-    left = means[:, 1:-3] - base @ (base.T @ means[:, 1:-3])
+    left = kinematics.without(means[:, 1:-3], base)
     return _Run(means[:, 0], left[:, :3], left[:, 3:6], *np.split(left[:, 6:], 3, axis=1))
 
 
@@ -106,8 +105,10 @@ def _shares(runs: Sequence[_Run], constant: float) -> List[float]:
     """Shares of forces and turns that commands explain with a time constant [s]."""
     commands = np.concatenate([run.commands for run in runs])
     wanted = np.concatenate([run.accelerations + run.velocities / constant for run in runs])
-    rest = wanted - commands @ np.linalg.lstsq(commands, wanted, rcond=None)[0]
-    left, whole = (rest**2).sum(axis=0), np.maximum((wanted**2).sum(axis=0), 1e-300)
+    left, whole = (
+        (kinematics.residuals(commands, wanted) ** 2).sum(axis=0),
+        np.maximum((wanted**2).sum(axis=0), 1e-300),
+    )
     return [1 - float(left[some].sum() / whole[some].sum()) for some in (slice(0, 2), slice(2, 3))]
 
 

@@ -2,7 +2,7 @@
 
 import datetime
 import json
-from typing import Dict, Iterator, List, Sequence, Tuple
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -24,21 +24,54 @@ CERTAIN = 3.0  # standard errors that an effect of a thruster exceeds
 MAX_NAMED = 4  # gaps and other events that are listed; the rest is counted
 GAP = 6.0  # a longer pause is a gap [usual intervals between poses]
 LATE = 0.05  # a stamp with a larger delay after its frame is late [s]
-EFFECTS = (  # what a thruster does: key, words, unit
-    ("forward", ("pushes forward", "pushes backward"), "m/s2"),
-    ("right", ("pushes to the right", "pushes to the left"), "m/s2"),
-    ("turn", ("turns right", "turns left"), "rad/s2"),
+EFFECTS = (  # what a thruster does forward, to the right, and as it turns: words, unit
+    (("pushes forward", "pushes backward"), "m/s2"),
+    (("pushes to the right", "pushes to the left"), "m/s2"),
+    (("turns right", "turns left"), "rad/s2"),
 )
+BATTERY = (
+    "%(first).2f V at the start, %(last).2f V at the end (%(least).2f to %(most).2f V), at %(rate).3g Hz"
+)
+UNUSABLE = "; %(unusable)d samples that are not positive numbers, left out"
 PAIR = ["left", "right"]  # the thrusters of a usual craft
 MAX_CHANGES = 30  # live changes that are listed; the rest is counted
+Spans = Sequence[Mapping[str, float]]  # each with start and end [s]
+
+# Poses that were repaired: key of their count, and words
+REPAIRED = (
+    ("duplicate_stamps", "repeated stamps"),
+    ("held", "positions that only repeat the last fix, left out"),
+    ("overtaken", "poses that overtook each other in a burst, put in order"),
+    ("heading_wraps", "wraps of the heading, unwrapped"),
+    ("mirrored_headings", "headings flipped to the wrong sign, undone"),
+)
+# Spans that are not usable: their key, and why
+LEFT_OUT = (
+    ("without_lift", "no lift, left out"),
+    ("steps", "the measured pose jumps, as when a camera drops out; left out"),
+    ("silent", "no commands for longer than their period; left out"),
+    ("frozen", "the last pose is repeated while thrusters act, left out"),
+    ("contacts", "no input explains the motion (contact, hand, wrong poses), left out"),
+)
+# Commands that begin or end at other times than the poses: key, sign, least time apart [s], and words
+APART = (
+    ("start_after_poses", -1, 0.01, "the commands start %.2f s before the poses"),
+    ("start_after_poses", 1, 0.2, "poses start %.2f s before the commands, left out"),
+    ("end_after_poses", 1, 0.01, "poses end %.2f s before the commands"),
+    ("end_after_poses", -1, 0.2, "commands end %.2f s before the poses, left out"),
+)
 
 
-def describe(runs: Sequence[RepairedRun]) -> List[Document]:
-    """`described` of runs, with the runs that have the same inputs."""
-    pairs = same_inputs(runs)
-    found = [described(run) for run in runs]
+def describe(
+    runs: Sequence[RepairedRun], every: Optional[Sequence[suspicions.Suspicion]] = None
+) -> List[Document]:
+    """`described` of runs, with the runs that have the same inputs. every: Suspicions of the craft, of which
+    each run has those that are about it alone, in place of its own."""
+    pairs, found = same_inputs(runs), [described(run) for run in runs]
     for d in found:
         d["same_inputs_as"] = [b if a == d["name"] else a for a, b in pairs if d["name"] in (a, b)]
+        if every is not None:
+            d["suspicions"] = [one.describe() for one in every if one.runs == (d["name"],)]
     return found
 
 
@@ -89,16 +122,6 @@ def described(run: RepairedRun) -> Document:
     }
 
 
-def with_suspicions(
-    described_runs: Sequence[Document], every: Sequence[suspicions.Suspicion]
-) -> List[Document]:
-    """Described runs of a craft, each with the Suspicions that are about this run alone."""
-    return [
-        dict(d, suspicions=[one.describe() for one in every if one.runs == (d["name"],)])
-        for d in described_runs
-    ]
-
-
 def _poses_of(run: RepairedRun) -> Document:
     """Contents of `info` on the poses."""
     recording, motion = run.recording, run.motion
@@ -107,7 +130,7 @@ def _poses_of(run: RepairedRun) -> Document:
     usual = scatter.interval(motion.times)
     third = scatter.third_differences(motion.times, motion.measured)
     intervals = np.diff(motion.times)
-    poses: Document = {
+    poses = {
         "count": len(stamps),
         "rate": float((len(stamps) - 1) / (stamps.max() - stamps.min())),
         "noise": {
@@ -162,28 +185,24 @@ def _controls_of(run: RepairedRun) -> Document:
     }
 
 
-def when(d: Document) -> str:
-    """When a recording begins, by its stamps."""
-    if d["begins"] < THIS_CENTURY:
-        return "from %.2f s on of a simulated clock" % d["begins"]
-    moment = datetime.datetime.fromtimestamp(d["begins"], datetime.timezone.utc)
+def when(begins: float) -> str:
+    """When a recording begins, by its first stamp [s]."""
+    if begins < THIS_CENTURY:
+        return "from %.2f s on of a simulated clock" % begins
+    moment = datetime.datetime.fromtimestamp(begins, datetime.timezone.utc)
     return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
-
-
-def _flown_by(kind: str, name: str, d: Document) -> str:
-    """A name, and the title of the file that was kept with the run."""
-    kept = d["files"].get(kind)
-    return "%s %s" % (kind, name) + (" ('%s', kept with the run)" % kept["title"] if kept else "")
 
 
 def facts(d: Document) -> Iterator[Tuple[str, str]]:
     """Name and text of what a recording holds; d: of `described`."""
     poses, controls, usable = d["poses"], d["controls"], d["usable"]
-    yield "recorded", when(d)
+    yield "recorded", when(d["begins"])
     yield "source", d["source"]
-    yield "measured", _measured(d["settings"])
+    yield "measured", _measured(**d["settings"])
+    kept = {kind: " ('%s', kept with the run)" % file["title"] for kind, file in d["files"].items()}
     if d["flown_by"]:
-        yield "flown by", ", ".join(_flown_by(kind, name, d) for kind, name in d["flown_by"].items())
+        by = ("%s %s%s" % (kind, name, kept.get(kind, "")) for kind, name in d["flown_by"].items())
+        yield "flown by", ", ".join(by)
     spans = ", ".join("%.2f to %.2f" % tuple(span) for span in usable["spans"]) or "nothing"
     yield "usable", "%.2f of %.2f s: %s" % (usable["duration"], d["duration"], spans)
     noise = 1e3 * poses["noise"]["position"], 1e3 * poses["noise"]["heading"]
@@ -208,79 +227,78 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
         slow = "the craft follows its commands, too slowly for poses with this noise to show its delay"
         yield "reply", slow if d["reply"]["slow"] else text
     if d["inertial"]:
-        yield "sensors", _sensors(d["inertial"], poses)
-    if d["inertial"] and d["inertial"]["noise"]:
-        yield "imu", _mounting(d["inertial"])
+        yield from _sensors(poses["noise"]["heading"] * np.sqrt(2) * poses["rate"], **d["inertial"])
     if d["battery"]:
-        yield "battery", _battery(d["battery"])
+        yield "battery", (BATTERY + UNUSABLE * bool(d["battery"]["unusable"])) % d["battery"]
     if d["authority"]:
         angles = [name for name in d["authority"] if words.ANGLES & set(words.split(name))]
         unknown = "not told: what a thruster does changes with %s" % ", ".join(angles)
         yield ("thrusters", unknown if angles else "; ".join(_does(*item) for item in d["authority"].items()))
 
 
-def _sensors(inertial: Document, poses: Document) -> str:
-    """What the craft's gyro and accelerometer measure, beside the poses."""
-    if not inertial["noise"]:
-        return "not used: " + "; ".join(inertial["problems"])
-    turn, push = inertial["noise"][0], float(np.hypot(*inertial["noise"][1:]) / np.sqrt(2))
-    of_poses = poses["noise"]["heading"] * np.sqrt(2) * poses["rate"]
+def _sensors(
+    of_poses: float,
+    rate: float,
+    delay: float,
+    gyro: Mapping[str, float],
+    accelerometer: Mapping[str, float],
+    noise: Sequence[float],
+    place: Sequence[float],
+    problems: Sequence[str],
+    source: str,
+) -> Iterator[Tuple[str, str]]:
+    """What the craft's gyro and accelerometer measure, and the parameters of mocap_state by which it uses
+    them. of_poses: noise of the yaw rate from two poses [rad/s]; the others: described Calibrated."""
+    if not noise:
+        yield "sensors", "not used: " + "; ".join(problems)
+        return
     parts = [
         "gyro %.0f Hz, noise %.2g deg/s (from two poses: %.2g deg/s)"
-        % (inertial["rate"], np.degrees(turn), np.degrees(of_poses))
+        % (rate, np.degrees(noise[0]), np.degrees(of_poses))
     ]
-    if not inertial["problems"]:
-        place = (1e3 * inertial["place"][0], 1e3 * inertial["place"][1])
+    if not problems:
+        push, mounting = np.hypot(noise[1], noise[2]) / np.sqrt(2), np.degrees(accelerometer["mounting"])
         parts.append(
             "accelerometer, noise %.2g m/s2, turned by %.1f deg, %.0f mm ahead and %.0f mm to starboard of "
-            "the markers" % (push, np.degrees(inertial["accelerometer"]["mounting"]), *place)
+            "the markers" % (push, mounting, 1e3 * place[0], 1e3 * place[1])
         )
-    parts.append("%.0f ms after the poses" % (1e3 * inertial["delay"]))
-    return ", ".join(parts + list(inertial["problems"]))
-
-
-def _mounting(inertial: Document) -> str:
-    """The parameters of mocap_state by which it uses the sensors."""
-    gyro, push, place = inertial["gyro"], inertial["accelerometer"], inertial["place"]
+    parts.append("%.0f ms after the poses" % (1e3 * delay))
+    yield "sensors", ", ".join([*parts, *problems])
     values = (
         ("gyro_scale", gyro["scale"]),
-        ("acceleration_scale", 0.0 if inertial["problems"] else push["scale"]),
-        ("mounting", push["mounting"]),
+        ("acceleration_scale", 0.0 if problems else accelerometer["scale"]),
+        ("mounting", accelerometer["mounting"]),
         ("ahead", place[0]),
         ("starboard", place[1]),
-        ("delay", inertial["delay"]),
+        ("delay", delay),
     )
-    return "{%s} for mocap_state" % ", ".join("%s: %.5g" % item for item in values)
+    yield "imu", "{%s} for mocap_state" % ", ".join("%s: %.5g" % item for item in values)
 
 
-def _battery(battery: Document) -> str:
-    """How the voltage of the battery goes."""
-    text = (
-        "%(first).2f V at the start, %(last).2f V at the end (%(least).2f to %(most).2f V), at %(rate).3g Hz"
-    )
-    left_out = "; %(unusable)d samples that are not positive numbers, left out" if battery["unusable"] else ""
-    return (text + left_out) % battery
-
-
-def _does(name: str, authority: Document) -> str:
+def _does(name: str, authority: reply.Authority) -> str:
     """What a thruster does at full input, as far as the recording tells."""
-    parts = []
-    least = 0.3 * max(abs(authority["forward"]), abs(authority["right"]))
-    for (key, sentences, unit), error in zip(EFFECTS, authority["errors"]):
-        value = authority[key]
-        if abs(value) > CERTAIN * error and (key == "turn" or abs(value) > least):
+    parts, forward, right = [], authority["forward"], authority["right"]
+    least = 0.3 * max(abs(forward), abs(right))
+    values = (forward, right, authority["turn"])
+    for (sentences, unit), value, error in zip(EFFECTS, values, authority["errors"]):
+        if abs(value) > CERTAIN * error and (unit == "rad/s2" or abs(value) > least):
             parts.append("%s (%.2g +- %.1g %s)" % (sentences[value < 0], abs(value), error, unit))
     return "%s %s" % (name, ", ".join(parts) or "has no clear effect")
 
 
-def _measured(settings: Document) -> str:
+def _measured(
+    axes: str,
+    heading_offset: float,
+    sources: Mapping[str, str],
+    taken: Sequence[str],
+    changes: Sequence[Mapping[str, object]],
+) -> str:
     """Settings by which poses became world_ned, and their sources."""
-    forms = {"axes": "axes '%s' (%s)", "heading_offset": "heading_offset %g rad (%s)"}
-    sentences = [forms[name] % (settings[name], settings["sources"][name]) for name in settings["taken"]]
-    text = ", ".join(sentences) or "as states, corrected already"
-    for change in settings["changes"] if settings["taken"] else ():
+    texts = {"axes": "axes '%s'" % axes, "heading_offset": "heading_offset %g rad" % heading_offset}
+    text = ", ".join("%s (%s)" % (texts[name], sources[name]) for name in taken)
+    for change in changes if taken else ():
         text += "; from %(time).2f s on axes '%(axes)s', heading_offset %(heading_offset)g rad" % change
-    return text
+    return text or "as states, corrected already"
 
 
 def grave(d: Document) -> Iterator[str]:
@@ -324,12 +342,26 @@ def grave(d: Document) -> Iterator[str]:
 
 def findings(d: Document) -> Iterator[str]:
     """Sentences on what is odd and what was repaired."""
+    poses = d["poses"]
     yield from grave(d)
-    yield from _frames(d["poses"])
-    yield from _poses(d["poses"])
-    yield from _overlap(d["controls"])
+    yield from _late(poses["bursts"], poses["count"], **poses.get("frame_clock", {}))
+    if poses["gaps"]:
+        gaps = sorted(poses["gaps"], key=lambda gap: -float(gap["length"]))
+        named = _named(["%(length).2f s at %(start).2f s" % gap for gap in gaps])
+        yield "mocap lost %d times for more than %.2g s: %s" % (len(gaps), GAP * poses["interval"], named)
+    yield from ("%s: %d" % (what, poses[key]) for key, what in REPAIRED if poses[key])
+    if poses["spikes"]:
+        times = _named(["%.2f s" % time for time in poses["spikes"]])
+        yield "spikes, places or headings that no smooth motion explains, left out: " + times
+    for key, sign, least, text in APART:
+        if sign * d["controls"][key] > least:
+            yield text % (sign * d["controls"][key])
     yield from (text for _, text in _left_out(d))
-    yield from _changes(d["changes"])
+    for change in d["changes"][:MAX_CHANGES]:
+        ends = change["before"] or "''", change["after"] or "''"
+        yield "changed at %(time).2f s: %(node)s: %(name)s " % change + "%s -> %s" % ends
+    if len(d["changes"]) > MAX_CHANGES:
+        yield "%d more live changes (info --json lists them)" % (len(d["changes"]) - MAX_CHANGES)
     if d["same_inputs_as"]:
         yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
 
@@ -344,76 +376,28 @@ def _left_out(d: Document) -> Iterator[Tuple[float, str]]:
         none = "lift" if len(controls["thrusters"]) < len(controls["channels"]) else "commands"
         text = "the last %.2f s are left out, without %s or motion (--all keeps them)"
         yield d["rest_at_end"], text % (d["rest_at_end"], none)
-    for spans, what in (
-        (d["without_lift"], "no lift, left out"),
-        (d["steps"], "the measured pose jumps, as when a camera drops out; left out"),
-        (d["silent"], "no commands for longer than their period; left out"),
-        (d["frozen"], "the last pose is repeated while thrusters act, left out"),
-        (d["contacts"], "no input explains the motion (contact, hand, wrong poses), left out"),
-    ):
+    for key, what in LEFT_OUT:
+        spans: Spans = d[key]
         if spans:
             named = _named(["%(start).2f to %(end).2f s" % span for span in spans])
             yield sum(span["end"] - span["start"] for span in spans), "%s: %s" % (what, named)
 
 
-def _frames(poses: Document) -> Iterator[str]:
-    """Differences between the stamps and the instants of the frames."""
-    clock = poses.get("frame_clock")
-    if clock:
-        late = clock["lateness"]
+def _late(
+    bursts: int, count: int, rate: float = 0.0, lost: int = 0, lateness: Optional[Mapping[str, float]] = None
+) -> Iterator[str]:
+    """Differences between the stamps and the instants of the frames, which a frame clock tells."""
+    if lateness:
         yield (
             "stamps are late, in bursts or by a poll: %d of %d poses came at once with the one before; "
-            % (poses["bursts"], poses["count"])
-            + "the clock of the frames is rebuilt: %(rate).2f Hz, %(lost)d frames lost, " % clock
-            + "stamps late by %.1f ms in the middle and %.0f ms at most"
-            % (1e3 * late["median"], 1e3 * late["largest"])
+            "the clock of the frames is rebuilt: %.2f Hz, %d frames lost, stamps late by %.1f ms in the "
+            "middle and %.0f ms at most"
+            % (bursts, count, rate, lost, 1e3 * lateness["median"], 1e3 * lateness["largest"])
         )
-        if late["above_50_ms"]:
-            yield "late bursts, stamps late by more than 50 ms: %d" % late["above_50_ms"]
-    elif poses["bursts"]:
-        yield "%d poses came at once with the one before" % poses["bursts"]
-
-
-def _poses(poses: Document) -> Iterator[str]:
-    """Poses that are missing, and those that were repaired."""
-    if poses["gaps"]:
-        gaps = sorted(poses["gaps"], key=lambda gap: -float(gap["length"]))
-        named = _named(["%(length).2f s at %(start).2f s" % gap for gap in gaps])
-        yield "mocap lost %d times for more than %.2g s: %s" % (len(gaps), GAP * poses["interval"], named)
-    for count, what in (
-        (poses["duplicate_stamps"], "repeated stamps"),
-        (poses["held"], "positions that only repeat the last fix, left out"),
-        (poses["overtaken"], "poses that overtook each other in a burst, put in order"),
-        (poses["heading_wraps"], "wraps of the heading, unwrapped"),
-        (poses["mirrored_headings"], "headings flipped to the wrong sign, undone"),
-    ):
-        if count:
-            yield "%s: %d" % (what, count)
-    if poses["spikes"]:
-        times = _named(["%.2f s" % time for time in poses["spikes"]])
-        yield "spikes, places or headings that no smooth motion explains, left out: " + times
-
-
-def _overlap(controls: Document) -> Iterator[str]:
-    """Where poses and commands do not begin or end together."""
-    begin, end = controls["start_after_poses"], controls["end_after_poses"]
-    for apart, least, text in (
-        (-begin, 0.01, "the commands start %.2f s before the poses"),
-        (begin, 0.2, "poses start %.2f s before the commands, left out"),
-        (end, 0.01, "poses end %.2f s before the commands"),
-        (-end, 0.2, "commands end %.2f s before the poses, left out"),
-    ):
-        if apart > least:
-            yield text % apart
-
-
-def _changes(changes: List[Document]) -> Iterator[str]:
-    """What was changed while the run was recorded."""
-    for change in changes[:MAX_CHANGES]:
-        ends = change["before"] or "''", change["after"] or "''"
-        yield "changed at %(time).2f s: %(node)s: %(name)s " % change + "%s -> %s" % ends
-    if len(changes) > MAX_CHANGES:
-        yield "%d more live changes (info --json lists them)" % (len(changes) - MAX_CHANGES)
+        if lateness["above_50_ms"]:
+            yield "late bursts, stamps late by more than 50 ms: %d" % lateness["above_50_ms"]
+    elif bursts:
+        yield "%d poses came at once with the one before" % bursts
 
 
 def _named(items: Sequence[str]) -> str:

@@ -83,8 +83,7 @@ def rough(recordings: Sequence[Recording]) -> Optional[_core.Model]:
 
 def _means(recording: Recording) -> Optional[Array]:
     """Accelerations, velocities and inputs of a pair (n, 8), averaged over the coarse time of a recording."""
-    motion, sent = recording.motion, recording.control_times
-    inside = kinematics.middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
+    motion, inside = recording.motion, reply.driven(recording)
     if not inside.any():
         return None
     times = motion.times[inside]

@@ -22,7 +22,7 @@ from ground.checks import blocks, damped, reply
 from ground.reading import units
 from ground.reading.recording import Recording
 from ground.reading.run_settings import Settings
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
 QUARTERS = (0.0, math.pi / 2, math.pi, -math.pi / 2)  # tried offsets of the heading [rad]
@@ -127,7 +127,7 @@ class LayoutVerdict:
         """Whether the recordings do not refute the recorded channels and heading."""
         return self.best.hypothesis == self.recorded.hypothesis
 
-    def describe(self) -> Document:
+    def describe(self) -> Dict[str, object]:
         """As plain values."""
         return asdict(self)
 

@@ -40,7 +40,7 @@ def find(recording: Recording) -> List[CommandClock]:
         return []
     times, base = motion.times[inside], np.linalg.qr(kinematics.smooth_terms(motion.nu[inside]))[0]
     wanted = kinematics.clipped(kinematics.accelerations(motion)[inside])
-    wanted = wanted - base @ (base.T @ wanted)
+    wanted = kinematics.without(wanted, base)
     if not (wanted**2).sum() > 0:
         return []
     wanted /= np.maximum(wanted.std(axis=0), 1e-12)
@@ -48,14 +48,11 @@ def find(recording: Recording) -> List[CommandClock]:
 
     def given(lag: float, rate: float, tau: float = 0.0) -> Array:
         """Commands (n, k) less what is smooth in them."""
-        commands = motors.lagged(times - rate * (times - centre) - lag, tau)
-        return np.asarray(commands - base @ (base.T @ commands))
+        return kinematics.without(motors.lagged(times - rate * (times - centre) - lag, tau), base)
 
     def left(lag: float, rate: float, tau: float = 0.0) -> Array:
         """What commands leave of the accelerations, by sample (n,)."""
-        commands = given(lag, rate, tau)
-        rest = wanted - commands @ np.linalg.lstsq(commands, wanted, rcond=None)[0]
-        return np.asarray((rest**2).sum(axis=1))
+        return np.asarray((kinematics.residuals(given(lag, rate, tau), wanted) ** 2).sum(axis=1))
 
     known: Dict[Tuple[float, float], float] = {}
 

@@ -315,8 +315,7 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
         return []
     # Noise must not count as contact, even if the commands hardly determine the thrusters' effect.
     rest = wanted - reply.commands_at(recording, recording.thrust, motion.times - found["lag"]) @ by_input
-    noise = 1.4826 * np.median(np.abs(rest - np.median(rest, axis=0)), axis=0)
-    noise = np.maximum(noise, reply.accuracy(motion))
+    noise = np.maximum(kinematics.deviations(rest), reply.accuracy(motion))
     scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * noise)
     beyond = np.full(len(wanted), np.inf)
     for effect in reachable:

@@ -5,15 +5,14 @@ products of the velocities.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, Optional, Sequence, Tuple, TypedDict
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple, TypedDict
 
 import numpy as np
 
-from ground.poses import scatter
-from ground.poses.kinematics import KERNEL, accelerations, blur, clipped, middle, smooth_terms
+from ground.poses import kinematics, scatter
 from ground.poses.repair import Motion
 from ground.reading.recording import Recording, once
-from ground.support.annotations import Array, Document, Flags
+from ground.support.annotations import Array, Flags
 
 # Tried lags of the motion behind the commands [s]; later ones if the last fits best.
 LAGS = np.arange(-0.3, 0.41, 0.01)
@@ -61,10 +60,18 @@ def turn_time(motion: Motion) -> float:
     return float(np.sqrt(4 * np.pi / max(hardest, 1e-9)))
 
 
+def driven(recording: Recording, shift: float = 0.0) -> Flags:
+    """Samples of a motion away from the ends of stretches, where commands are known up to so much earlier and
+    later [s]."""
+    times, sent = recording.motion.times, recording.control_times
+    inside = (times > sent[0] + shift) & (times < sent[-1] - shift)
+    return np.asarray(kinematics.middle(recording.motion) & inside)
+
+
 @once
 def _averaged_over(recording: Recording) -> float:
     """Time over which smoothed accelerations show commands [s]; 0 where it is below the poses' interval."""
-    width = KERNEL * max(blur(recording.motion))
+    width = kinematics.averaged_over(recording.motion)
     return 0.0 if width < scatter.interval(recording.motion.times) else width
 
 
@@ -79,16 +86,16 @@ def regression(recording: Recording) -> Optional[Reply]:
     """Linear regression of the accelerations on the commands, at the lag that fits best. None where there
     are few poses, or the commands do not change."""
     motion, thrust = recording.motion, recording.thrust
-    inside = middle(motion)
+    inside = kinematics.middle(motion)
     times = motion.times[inside]
     if len(times) < 50 or np.ptp(thrust, axis=0).max() < 1e-6:
         return None
-    wanted = accelerations(motion)[inside]
-    scale = 1.4826 * np.median(np.abs(wanted - np.median(wanted, axis=0)), axis=0)
+    wanted = kinematics.accelerations(motion)[inside]
+    scale = kinematics.deviations(wanted)
     scale = np.where(scale > 0, scale, np.maximum(wanted.std(axis=0), 1e-300))
-    others = smooth_terms(motion.nu[inside])
+    others = kinematics.smooth_terms(motion.nu[inside])
     others = others / np.maximum(np.abs(others).max(axis=0), 1e-300)
-    sizes = np.maximum(np.abs(smooth_terms(motion.nu[inside])).max(axis=0), 1e-300)
+    sizes = np.maximum(np.abs(kinematics.smooth_terms(motion.nu[inside])).max(axis=0), 1e-300)
 
     def regressed(lag: float, some: slice = slice(None)) -> Tuple[Array, Array]:
         X = np.column_stack([commands_at(recording, thrust, times[some] - lag), others[some]])
@@ -107,8 +114,7 @@ def regression(recording: Recording) -> Optional[Reply]:
     error, early = _timing(lags, costs, scatter.interval(motion.times))
     misfits, coefficients = regressed(lag)
     coefficients[thrust.shape[1] :] /= sizes[:, None]
-    without = np.linalg.lstsq(others, wanted, rcond=None)[0]
-    most = np.abs((wanted - others @ without) / scale).mean()
+    most = np.abs(kinematics.residuals(others, wanted) / scale).mean()
     rough = slice(None, None, 1 + len(times) // CLOCK_SAMPLES)
     chance = 1 - min(regressed(lag, rough)[0].mean() for lag in _placebos(recording)) / most
     share, power = float(1 - misfits.mean() / most), _power(motion, wanted) if chance < 0.5 * FOLLOWS else 0.0
@@ -153,7 +159,7 @@ class _Slow(NamedTuple):
 
 def coarse_width(motion: Motion) -> float:
     """Time over which averaged accelerations show a slow craft's reply [s]."""
-    return min(COARSE * KERNEL * max(blur(motion)), float(np.ptp(motion.times)) / FEWEST)
+    return min(COARSE * kinematics.averaged_over(motion), float(np.ptp(motion.times)) / FEWEST)
 
 
 def coarse(motion: Motion, times: Array, rows: Array) -> Array:
@@ -173,22 +179,20 @@ def means(times: Array, rows: Array, width: float, usual: float) -> Array:
 def _slow(recording: Recording) -> Optional[_Slow]:
     """The reply of a slow craft; None where the run is too short for it."""
     motion = recording.motion
-    inside = middle(motion)
+    inside = kinematics.middle(motion)
     times = motion.times[inside]
     if coarse_width(motion) < 2 * scatter.interval(motion.times) or len(times) < MIN_SAMPLES:
         return None
-    base = coarse(motion, times, smooth_terms(motion.nu[inside]))
+    base = coarse(motion, times, kinematics.smooth_terms(motion.nu[inside]))
     base = np.linalg.qr(base / np.maximum(np.abs(base).max(axis=0), 1e-300))[0]
-    wanted = coarse(motion, times, accelerations(motion)[inside])
-    wanted = wanted - base @ (base.T @ wanted)
+    wanted = kinematics.without(coarse(motion, times, kinematics.accelerations(motion)[inside]), base)
     most = np.maximum((wanted**2).sum(axis=0), 1e-300)
 
     def share(lag: float) -> Array:
         """Of the squares that commands explain, by axis (3,)."""
         commands = coarse(motion, times, recording.held(recording.thrust, times - lag))
-        commands = commands - base @ (base.T @ commands)
-        rest = wanted - commands @ np.linalg.lstsq(commands, wanted, rcond=None)[0]
-        return np.asarray(1 - (rest**2).sum(axis=0) / most)
+        left = kinematics.residuals(kinematics.without(commands, base), wanted)
+        return np.asarray(1 - (left**2).sum(axis=0) / most)
 
     if not len(wanted) > FEWEST:
         return None
@@ -215,7 +219,7 @@ def _power(motion: Motion, wanted: Array) -> float:
 def accuracy(motion: Motion) -> Array:
     """Standard deviations (3,) of the noise that smoothing leaves in accelerations [m/s^2], [rad/s^2]."""
     usual = scatter.interval(motion.times)
-    pairs = zip(motion.noise, blur(motion))
+    pairs = zip(motion.noise, kinematics.blur(motion))
     linear, angular = (noise * np.sqrt(usual / max(time, 0.5 * usual) ** 5 / 18) for noise, time in pairs)
     return np.array([linear, linear, angular])
 
@@ -247,30 +251,27 @@ def rest(
 ) -> Optional[Rest]:
     """The Rest of a motion and the commands of some channels that it follows; None without samples.
     twisted: in the frame of a body whose heading is minus the measured one; lag: by default lag_of() [s]."""
-    motion, sent = recording.motion, recording.control_times
-    inside = middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
+    motion, inside = recording.motion, driven(recording)
     times = motion.times[inside]
     if not len(times):
         return None
     wanted, nu, psi = seen(motion, inside, twisted)
     level = np.column_stack([np.cos(psi), np.sin(psi)])  # a slope in the body's frame
-    base: Array = np.column_stack([smooth_terms(nu), level])
+    base: Array = np.column_stack([kinematics.smooth_terms(nu), level])
     behind = times - (lag_of(recording) if lag is None else lag)
     commands = commands_at(recording, recording.commands_of(names), behind)
     found = regression(recording)
     if found and found["slow"]:
         wanted, commands, base = (coarse(motion, times, rows) for rows in (wanted, commands, base))
         times = coarse(motion, times, times[:, None]).ravel()
-    base = np.linalg.qr(base)[0]
-    left = np.column_stack([clipped(wanted), commands])
-    left = left - base @ (base.T @ left)
+    left = kinematics.without(np.column_stack([kinematics.clipped(wanted), commands]), np.linalg.qr(base)[0])
     return Rest(times, left[:, :3], left[:, 3:])
 
 
 def seen(motion: Motion, inside: Flags, twisted: bool) -> Tuple[Array, Array, Array]:
     """Accelerations (n, 3), velocities (n, 3) and heading (n,) [rad] of some poses; twisted: in the frame of
     a body whose heading is minus the measured one."""
-    wanted, nu, psi = accelerations(motion)[inside], motion.nu[inside], motion.eta[inside, 2]
+    wanted, nu, psi = kinematics.accelerations(motion)[inside], motion.nu[inside], motion.eta[inside, 2]
     if not twisted:
         return wanted, nu, psi
     wanted, nu = (_turned(rows, 2 * psi) * [1, 1, -1] for rows in (wanted, nu))
@@ -293,7 +294,8 @@ def fading(recording: Recording, lag: float) -> Optional[Tuple[float, float, flo
         return None
     ages = left.times - lag - sent[np.maximum(np.searchsorted(sent, left.times - lag, side="right") - 1, 0)]
     ends = np.quantile(ages, [0.25, 0.5, 0.75])
-    if not ends[2] - ends[0] > max(*blur(recording.motion), scatter.interval(recording.motion.times)):
+    motion = recording.motion
+    if not ends[2] - ends[0] > max(*kinematics.blur(motion), scatter.interval(motion.times)):
         return None
     wanted = left.accelerations / np.maximum(left.accelerations.std(axis=0), 1e-300)
     by_command = left.commands @ np.linalg.lstsq(left.commands, wanted, rcond=None)[0]
@@ -308,18 +310,24 @@ def fading(recording: Recording, lag: float) -> Optional[Tuple[float, float, flo
     return float(shares[0]), float(error), float(ages[quarter == least].mean())
 
 
-def authorities(recording: Recording) -> Document:
-    """What each thruster does to the craft at full input, by its name: forward and right, along the measured
-    body's axes [m/s^2], turn, clockwise from above [rad/s^2], and their standard errors from a jackknife
-    over blocks of time. Empty if the commands do not distinguish the thrusters."""
-    motion, sent = recording.motion, recording.control_times
-    inside = middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
+class Authority(TypedDict):
+    """What a thruster does to the craft at full input."""
+
+    forward: float  # along the measured body's axes [m/s^2]
+    right: float  # [m/s^2]
+    turn: float  # clockwise from above [rad/s^2]
+    errors: List[float]  # standard errors of these, from a jackknife over blocks of time
+
+
+def authorities(recording: Recording) -> Dict[str, Authority]:
+    """The Authority of each thruster, by its name. Empty if the commands do not distinguish the thrusters."""
+    motion, inside = recording.motion, driven(recording)
     if inside.sum() < MIN_SAMPLES:
         return {}
-    others, wanted = smooth_terms(motion.nu[inside]), clipped(accelerations(motion)[inside])
+    others = kinematics.smooth_terms(motion.nu[inside])
+    wanted = kinematics.clipped(kinematics.accelerations(motion)[inside])
     commands = commands_at(recording, recording.thrust, motion.times[inside] - lag_of(recording))
-    base = np.linalg.qr(others)[0]
-    sizes = np.linalg.svd(commands - base @ (base.T @ commands), compute_uv=False)
+    sizes = np.linalg.svd(kinematics.without(commands, np.linalg.qr(others)[0]), compute_uv=False)
     if not sizes[-1] > ALIKE * sizes[0]:
         return {}
     count, X = commands.shape[1], np.column_stack([commands, others])
@@ -341,12 +349,12 @@ def decides(recording: Recording) -> bool:
     """Whether a craft that follows its commands would show it: effects of thrusters as large as the
     accelerations are excluded, and averaging over the coarse time leaves more of these than of noise."""
     motion = recording.motion
-    inside = middle(motion)
-    found = clipped(accelerations(motion)[inside])
+    inside = kinematics.middle(motion)
+    found = kinematics.clipped(kinematics.accelerations(motion)[inside])
     sizes, slow = found.std(axis=0), coarse(motion, motion.times[inside], found).std(axis=0)
-    noise = np.sqrt(min(1.0, KERNEL * max(blur(motion)) / coarse_width(motion)))
+    noise = np.sqrt(min(1.0, kinematics.averaged_over(motion) / coarse_width(motion)))
     return bool((slow > noise * sizes).any()) and all(
-        abs(effect[key]) + EXCLUDED * error < size
-        for effect in authorities(recording).values()
-        for key, error, size in zip(("forward", "right", "turn"), effect["errors"], sizes)
+        abs(value) + EXCLUDED * error < size
+        for one in authorities(recording).values()
+        for value, error, size in zip((one["forward"], one["right"], one["turn"]), one["errors"], sizes)
     )

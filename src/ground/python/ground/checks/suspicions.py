@@ -5,7 +5,7 @@ Recording in CHECKS.
 """
 
 from dataclasses import asdict, dataclass, replace
-from typing import Callable, Iterator, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from ground.checks.quality import repaired
 from ground.poses import kinematics, scatter
 from ground.reading import units
 from ground.reading.recording import Recording, once
-from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
 MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
@@ -61,14 +60,14 @@ class Suspicion:
     @property
     def sentence(self) -> str:
         """In words."""
-        return "%s: %s" % (", ".join(self.runs), sentence(asdict(self)))
+        return "%s: %s" % (", ".join(self.runs), sentence(self.describe()))
 
-    def describe(self) -> Document:
+    def describe(self) -> Dict[str, object]:
         """As plain values."""
         return {**asdict(self), "runs": list(self.runs), "misread": self.misread}
 
 
-def sentence(d: Document) -> str:
+def sentence(d: Mapping[str, object]) -> str:
     """A described Suspicion in words, without the recordings."""
     return "%s; if so: %s" % (d["evidence"], d["remedy"])
 

@@ -64,8 +64,10 @@ def _misread(run: Recording) -> List[suspicions.Suspicion]:
 
 def _fits(run: Recording, is_complete: bool) -> bool:
     """Whether the motion does not refute a run's channels and frame; where the draft is not complete, whether
-    it refutes every other way to read them."""
+    it refutes every other way to read them. Only what left and right do is known without a model."""
     thrusters = suspicions.judged_by([run], None)
-    verdict = suspicions.alone(run, thrusters) if thrusters else None
+    if not thrusters:
+        return is_complete
+    verdict = suspicions.alone(run, thrusters)
     is_decided = verdict is not None and verdict.is_as_recorded and not verdict.undecided
-    return not _misread(run) and (is_complete or is_decided)
+    return (is_complete or is_decided) and not _misread(run)

@@ -45,10 +45,10 @@ def run(arguments: argparse.Namespace) -> List[Dict[str, object]]:
     if model:
         recordings = [recording.with_lift_of(model) for recording in recordings]
     runs = api.repaired(recordings, arguments.work)
-    recordings, described = [run.recording for run in runs], findings.describe(runs)
+    recordings = [run.recording for run in runs]
     mappings = {recording.name: recording.mapping for recording in recordings}
     doubts = suspicions.about(recordings, model)
-    described = findings.with_suspicions(described, doubts)
+    described = findings.describe(runs, doubts)
     of_all = [one.sentence for one in doubts if len(one.runs) > 1]
     read = [*arguments.bags, *(["--mapping", arguments.mapping] if arguments.mapping else [])]
     for line in formatted(_headline(described, of_all, read)):

@@ -154,7 +154,7 @@ def measured(
     runs = repaired(found, work, model.core, others)
     found = [run.recording for run in runs]
     doubts = suspicions.about(found, model.core)
-    for d in findings.with_suspicions([findings.described(run) for run in runs], doubts):
+    for d in findings.describe(runs, doubts):
         for finding in findings.grave(d):
             warn("%s: %s" % (d["name"], finding))
     for one in doubts:

@@ -7,12 +7,12 @@ which may drift, is what makes it agree with them over seconds. The fast motion 
 
 import functools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Callable, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.support.annotations import Array, Document, Flags
+from ground.support.annotations import Array, Flags
 
 if TYPE_CHECKING:
     from ground.poses import repair
@@ -57,7 +57,7 @@ class Calibrated:
     mounting: float = 0.0  #: angle by which the sensor is turned in the frame of the poses [rad]
     problems: Tuple[str, ...] = ()  #: why a sensor is not used
 
-    def describe(self) -> Document:
+    def describe(self) -> Dict[str, object]:
         """The values of a JSON document."""
         noise = np.empty(0) if self.data is None else np.array(self.data.noise)
         place = np.empty(0) if self.data is None else np.array(self.data.place)

@@ -30,6 +30,11 @@ def blur(motion: Motion) -> Tuple[float, float]:
     return linear, angular
 
 
+def averaged_over(motion: Motion) -> float:
+    """Width of a mean that blurs accelerations as the smoother does [s]."""
+    return KERNEL * max(blur(motion))
+
+
 def accelerations(motion: Motion) -> Array:
     """Specific force in the body's frame (n, 2) [m/s^2] and yaw acceleration [rad/s^2], (n, 3)."""
     u, v, r = motion.nu.T
@@ -42,6 +47,16 @@ def smooth_terms(nu: Array) -> Array:
     return np.column_stack(
         [np.ones(len(nu)), u, v, r, u * u, v * v, r * r, u * v, u * r, v * r, r * np.abs(r)]
     )
+
+
+def without(rows: Array, base: Array) -> Array:
+    """Rows (n, k) without their part in the span of an orthonormal base (n, m)."""
+    return np.asarray(rows - base @ (base.T @ rows))
+
+
+def residuals(regressors: Array, wanted: Array) -> Array:
+    """What a linear regression leaves of columns wanted (n, k)."""
+    return np.asarray(wanted - regressors @ np.linalg.lstsq(regressors, wanted, rcond=None)[0])
 
 
 def squares_left(regressors: Array, wanted: Array) -> Array:
@@ -62,8 +77,12 @@ def middle(motion: Motion, times: Optional[Array] = None) -> Flags:
     return inside
 
 
+def deviations(values: Array) -> Array:
+    """Standard deviations (k,) of columns (n, k), by medians that outliers do not change."""
+    return np.asarray(1.4826 * np.median(np.abs(values - np.median(values, axis=0)), axis=0))
+
+
 def clipped(values: Array) -> Array:
     """Columns (n, k) without outliers."""
-    centre = np.median(values, axis=0)
-    scatter = 1.4826 * np.median(np.abs(values - centre), axis=0)
-    return np.asarray(np.clip(values, centre - OUTLIER * scatter, centre + OUTLIER * scatter))
+    centre, far = np.median(values, axis=0), OUTLIER * deviations(values)
+    return np.asarray(np.clip(values, centre - far, centre + far))

@@ -8,7 +8,7 @@ import numpy as np
 from ground import _core
 from ground.poses import angles, frame_clock, headings, scatter
 from ground.poses.low_pass import LowPass
-from ground.support.annotations import Array, Document, Flags, Indices
+from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 
 CLOCK_OFFSET = 0.05  # least offset between the topics' clocks that is corrected [s]
@@ -98,11 +98,11 @@ def repair(
     scales = _core.RunScales(max_gap, *jerks)
     noise = noise or found
     smoothed = smooth(times, eta, noise, scales, GATE * excess, speeds)
-    used = np.asarray(smoothed["used"]) & ~_too_fast(smoothed["nu"], speeds)
+    used = np.asarray(smoothed["used"], bool) & ~_too_fast(smoothed["nu"], speeds)
     if used.sum() < FEWEST_POSES:
         raise GroundError("%s: only %d poses follow a motion of the craft" % (name, used.sum()))
     spikes = np.sort(np.append(spikes, times[~used]))
-    jumps = (np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= max_gap))[used]
+    jumps = (np.asarray(smoothed["starts"], bool) & (np.diff(times, prepend=-np.inf) <= max_gap))[used]
     moved, nu, nu_dot = (smoothed[key][used] for key in ("eta", "nu", "nu_dot"))
     times, eta = times[used], eta[used]
     eta[:, 2] = moved[:, 2] + angles.wrap(eta[:, 2] - moved[:, 2])
@@ -119,7 +119,7 @@ def smooth(
     scales: _core.RunScales,
     gate: float = GATE,
     speeds: Optional[scatter.Levels] = None,
-) -> Document:
+) -> Dict[str, Array]:
     """_core.smooth for poses with this noise (position [m], heading [rad]) and of these scales; gate:
     [standard deviations] beyond which a pose is a spike; speeds: largest ones of sound stretches [m/s],
     [rad/s]."""
@@ -129,10 +129,11 @@ def smooth(
     params.gate, params.max_gap = gate, scales.max_gap
     if speeds is not None:
         (params.linear_speed, params.angular_speed), params.most = speeds, MOST
-    return _core.smooth(times, eta, params)
+    found: Dict[str, Array] = _core.smooth(times, eta, params)
+    return found
 
 
-def again(run: _core.RunData, poses: Array) -> Document:
+def again(run: _core.RunData, poses: Array) -> Dict[str, Array]:
     """_core.smooth for other poses (n, 3) at the times of a run, as its own were smoothed."""
     return smooth(run.times, poses, (run.noise[0], run.noise[2]), run.scales)
 

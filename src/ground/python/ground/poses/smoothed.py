@@ -11,16 +11,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.poses import scatter
-from ground.poses.kinematics import (
-    KERNEL,
-    accelerations,
-    blur,
-    clipped,
-    middle,
-    smooth_terms,
-    squares_left,
-)
+from ground.poses import kinematics, scatter
 from ground.poses.low_pass import POLES, LowPass
 from ground.poses.repair import Motion
 from ground.support.annotations import Array
@@ -50,27 +41,24 @@ class _Commands:
 
     def __init__(self, thrust: Array, averaged: Averaged, motion: Motion) -> None:
         usual = scatter.interval(motion.times)
-        inside = np.flatnonzero(middle(motion))[:MOST]
+        inside = np.flatnonzero(kinematics.middle(motion))[:MOST]
         inside = inside[:: 1 + len(inside) // ROWS]
         grid = np.arange(motion.times[0], motion.times[inside[-1]] + usual, usual)
         self._at = np.searchsorted(grid, motion.times[inside] - 0.5 * usual)
-        width = max(KERNEL * max(blur(motion)), usual)
+        width = max(kinematics.averaged_over(motion), usual)
         self._commands = averaged(thrust, grid, width)
-        others = smooth_terms(motion.nu[inside])
+        others = kinematics.smooth_terms(motion.nu[inside])
         self._base = np.linalg.qr(others / np.maximum(np.abs(others).max(axis=0), 1e-300))[0]
-        wanted = clipped(accelerations(motion)[inside])
-        self._wanted = self._rest(wanted / np.maximum(wanted.std(axis=0), 1e-300))
+        wanted = kinematics.clipped(kinematics.accelerations(motion)[inside])
+        self._wanted = kinematics.without(wanted / np.maximum(wanted.std(axis=0), 1e-300), self._base)
         self._squares = np.maximum((self._wanted**2).sum(axis=0), 1e-300)
-
-    def _rest(self, rows: Array) -> Array:
-        return np.asarray(rows - self._base @ (self._base.T @ rows))
 
     def left(self, one: Optional[LowPass], late: int = 0) -> float:
         """Share of the squared accelerations that commands do not explain, the geometric mean of three axes;
         late: [poses]."""
         commands = self._commands if one is None else one.filtered(self._commands)
-        commands = self._rest(commands[np.maximum(self._at - late, 0)])
-        shares = squares_left(commands, self._wanted) / self._squares
+        commands = kinematics.without(commands[np.maximum(self._at - late, 0)], self._base)
+        shares = kinematics.squares_left(commands, self._wanted) / self._squares
         return float(np.exp(np.log(np.maximum(shares, 1e-6)).mean()))
 
     def gain(self, one: LowPass) -> float:
@@ -242,5 +230,5 @@ def shared(
 
 def _is_silent(spectrum: _Spectrum, thrust: Array, motion: Motion) -> bool:
     """Whether poses or commands are too few to tell a low-pass."""
-    few = spectrum.is_empty or int(middle(motion).sum()) < FEWEST
+    few = spectrum.is_empty or int(kinematics.middle(motion).sum()) < FEWEST
     return few or not bool((thrust[1:] != thrust[:-1]).any())

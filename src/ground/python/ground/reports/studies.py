@@ -41,7 +41,7 @@ def _run(studies: Sequence[Inspection], about: Document, banded: Mapping[int, ba
     )
     return RunSection(
         run.name,
-        "%s; error: %s" % (findings.when(about), errors),
+        "%s; error: %s" % (findings.when(about["begins"]), errors),
         figures.motion(studies, banded.get(id(run))),
         [appearance.numbers_row(s.label, s.role, s.numbers) for s in studies],
         ["%s: %s." % (s.label, s.left_out) for s in studies if s.left_out],
