@@ -80,7 +80,7 @@ class ComparedModel:
         residuals: Dict[str, object],
         wrench: Dict[str, object],
         summary: List[str],
-        files: object,
+        files: object = None,
         **numbers: Any,
     ) -> "ComparedModel":
         """Of the values in compare.json."""
