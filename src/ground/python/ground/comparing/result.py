@@ -113,7 +113,7 @@ class RunComparison(_Frame):
     @property
     def numbers(self) -> Document:
         """Error numbers by model: error, error_by_channel, prediction_error, thesis_objective, fit_percent,
-        rms, rms_units and horizons, as compare.json explains them (ground.comparing.compare)."""
+        rms, rms_units and horizons, as docs/schemas/compare.schema.json explains them."""
         return {one.label: one.numbers for one in self.models}
 
     @property
