@@ -1,30 +1,6 @@
 """compare: models against recordings, and where they fail.
 
-compare.json, schema ground/compare/1 (SI units; null for a value that is not a number or does not exist):
-
-models    by label: file, text (of a model file), effects, fitted_to (names of bags, from its provenance)
-runs      name, bag, models: by label
-  role              fit or held_out, by the digests of recordings in the model's provenance; fit where
-                    its file has names only
-  error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows that suit the craft; error_by_channel
-  prediction_error  the same with initial velocities from the first 0.4 s, of the rest
-  thesis_objective  (3.4) over the first 4 s
-  fit_percent, rms  per channel, of the windows
-  horizons          seconds, starts, root mean square errors of predicted poses: position_mm, heading_deg,
-                    each started at the measured pose and at velocities from the time before
-  residuals         kind; noise levels; per channel autocorrelation, input_sum, input_difference:
-                    lags, value, band99, how many are outside, accepted; white
-  wrench            noise levels; disturbances left out [s]; per channel X, Y, N: mean, rms, std,
-                    sigma (median standard deviation of the estimate), full_scale (what full thrust
-                    gives). Over time in the CSV.
-  files, summary    series of the wrench; the sentences of the terminal
-pooled    by label: the numbers over all, fit and held_out runs
-ranking   errors by label, the least first, over runs: those that no model was fitted to (role held_out),
-          or all where there are none (role fit; fitted: by which models); equal: models that chance alone
-          may set apart from the first one (any of equally good ones is missing in at most 5%)
-prediction  how far predicted poses are off on these runs: seconds, errors by label and of the mocap alone
-          (position_mm, heading_deg, root mean squares)
-noise_floor  error that the noise of the poses alone would leave there, if the best model were true
+compare.json, schema ground/compare/1 (docs/schemas/compare.schema.json explains the keys), has the numbers.
 """
 
 import argparse

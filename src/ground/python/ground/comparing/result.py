@@ -80,7 +80,7 @@ class ComparedModel:
         residuals: Dict[str, object],
         wrench: Dict[str, object],
         summary: List[str],
-        files: object,
+        files: object = None,
         **numbers: Any,
     ) -> "ComparedModel":
         """Of the values in compare.json."""
@@ -113,7 +113,7 @@ class RunComparison(_Frame):
     @property
     def numbers(self) -> Document:
         """Error numbers by model: error, error_by_channel, prediction_error, thesis_objective, fit_percent,
-        rms, rms_units and horizons, as compare.json explains them (ground.comparing.compare)."""
+        rms, rms_units and horizons, as docs/schemas/compare.schema.json explains them."""
         return {one.label: one.numbers for one in self.models}
 
     @property

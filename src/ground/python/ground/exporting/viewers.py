@@ -9,7 +9,6 @@ from typing import Any, Iterator
 from ground.support import files
 from ground.support.errors import GroundError, reason
 
-PORT = 8765  # that viewers try first
 NEEDED = "viewers and MCAP files take the Python module foxglove-sdk"
 OLDEST = (3, 10)  # Python of foxglove-sdk
 

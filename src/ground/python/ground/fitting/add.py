@@ -2,14 +2,14 @@
 
 import argparse
 import functools
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import distributions, horizon, judge, window_error, windows
-from ground.analysis.horizon import ModelsAt, PredictionError, Starts, as_document
+from ground.analysis.horizon import ModelsAt, PredictionError, Starts
 from ground.analysis.window_error import WindowFit
 from ground.data import bag_arguments
 from ground.data.measured import Measured, held_out, measured
@@ -27,7 +27,7 @@ from ground.models import (
     parameters_by_name,
 )
 from ground.reports import effect_words, words
-from ground.support import command_line
+from ground.support import command_line, records
 from ground.support.annotations import Array, Path
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
@@ -76,14 +76,8 @@ class Addition(Shown, Estimated):
 
     def to_dict(self) -> Dict[str, object]:
         """Plain values, as `identify add --json` prints them."""
-        return {
-            "effect": self.effect,
-            "parameters": {name: asdict(p) for name, p in self.parameters.items()},
-            "error": {name: asdict(change) for name, change in self.error.items()},
-            "prediction": as_document(self.prediction),
-            "noise_floor": self.noise_floor,
-            "verdict": asdict(self.verdict),
-        }
+        names = ("effect", "parameters", "error", "prediction", "noise_floor", "verdict")
+        return {name: records.plain(getattr(self, name)) for name in names}
 
     def to_frame(self) -> "pandas.DataFrame":
         """Parameters, indexed by name: before (NaN without the effect), start, value, std_error, low, high

@@ -2,7 +2,7 @@
 
 import math
 import shlex
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
@@ -10,10 +10,11 @@ import numpy as np
 from ground import _core
 from ground.analysis import windows
 from ground.analysis.distributions import student_limit
-from ground.analysis.horizon import PredictionError, as_document
+from ground.analysis.horizon import PredictionError
 from ground.analysis.likelihood import step
 from ground.effect_library.parameters import described
 from ground.models import Estimated, Model, Parameter, parameter_frame
+from ground.support import records
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
 from ground.support.headline import Line
@@ -208,22 +209,14 @@ class Fit(Shown, Plotted, Estimated):
 
     def to_dict(self) -> Dict[str, object]:
         """Plain values, as `identify fit --json` prints them."""
-        parameters = {name: asdict(p) for name, p in self.parameters.items()}
+        parameters = {name: records.plain(p) for name, p in self.parameters.items()}
         for values in parameters.values():
             del values["name"]
-        return {
-            "parameters": parameters,
-            "error": asdict(self.error),
-            "prediction": as_document(self.prediction),
-            "thesis_objective": asdict(self.thesis_objective),
-            "objective": self.objective,
-            "starts": self.starts,
-            "condition": self.condition,
-            "weak": self.weak,
-            "converged": self.converged,
-            "runs": [asdict(run) for run in self.runs],
-            "same_inputs": self.same_inputs,
-        }
+        names = (
+            *("error", "prediction", "thesis_objective", "objective", "starts", "condition", "weak"),
+            *("converged", "runs", "same_inputs"),
+        )
+        return {"parameters": parameters, **{name: records.plain(getattr(self, name)) for name in names}}
 
     def to_frame(self) -> "pandas.DataFrame":
         """Parameters, indexed by name: start, value, std_error, low, high (95%), identified, at_bound,

@@ -150,9 +150,6 @@ def fit(bench: Bench, names: Sequence[str], only: Optional[str] = None) -> Thrus
     driven = bench.part(bench.inputs > OFF)
     if not np.max(driven.forces) > 0:
         raise GroundError("no force is positive: thrusters push, so turn the sign or the table")
-    switches = len(bench.levels) == 1
-    if switches and only not in (None, "linear"):
-        raise GroundError("a %s needs forces at more inputs than the table has, and that rise" % only)
     gains, p_value = _gains(driven)
     curves = [c for c in _curves(driven, gains) if only is None or c.kind == only]
     if not curves:
@@ -176,7 +173,7 @@ def fit(bench: Bench, names: Sequence[str], only: Optional[str] = None) -> Thrus
         rejected,
         float(np.sqrt(misfit @ misfit / max(1, len(misfit) - free))),
         _scatter(driven),
-        switches,
+        len(bench.levels) == 1,
     )
 
 

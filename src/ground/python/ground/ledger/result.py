@@ -32,7 +32,7 @@ class History(Shown, Plotted):
     True
     """
 
-    contents: HistoryContents
+    contents: HistoryContents  #: everything
 
     @functools.cached_property
     def report(self) -> Document:
