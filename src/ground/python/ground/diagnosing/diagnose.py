@@ -106,7 +106,10 @@ def diagnose(
         _note_boat(given)
     flown = _first_with("room", seen)
     walls = room or (Room.of_recording(flown) if flown else None)
-    noted = [Mistake(**one.describe()) for one in seen.findings + held.findings]
+    noted = [
+        Mistake(one.kind, one.evidence, one.remedy, list(one.runs), one.misread)
+        for one in seen.findings + held.findings
+    ]
 
     def tested(found: diagnosis.StepwiseDiagnosis) -> None:
         if tried:
