@@ -308,7 +308,8 @@ def table(results):
         found, made = r["found"], r.get("errors", {})
         kind = [r["kind"], "%d" % r["seed"], condition(r), ",".join(r["hidden"]) or "-"]
         if "failed" in found:
-            rows.append([*kind, "failed", found["failed"]])
+            row = [*kind, "failed", found["failed"]]
+            rows.append(row + [""] * (len(rows[0]) - len(row)))
             continue
         sure = certain(found)
         sure = "".join(word[0] for word in sure) + ("." if is_done(found) else "")

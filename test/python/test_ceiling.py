@@ -19,6 +19,7 @@ from ground.analysis import (
 )
 from ground.analysis.agreement import agreement
 from ground.analysis.ceiling import ceiling
+from ground.analysis.formula_words import FormulaTerm
 from ground.analysis.innovations import Innovations
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
@@ -340,3 +341,11 @@ def test_recordings_made_by_the_model_agree_with_it_and_a_burst_does_not(pushed)
     likelihood = Likelihood(odd, craft())
     found = agreement(odd, windows.cut(odd), likelihood, likelihood.fit(craft(), FREE), 1.0)
     assert not found.holds and found.noise < found.error
+
+
+def test_a_formula_has_no_more_states_than_an_effect_can_hold():
+    def piece(number, *states):
+        return FormulaTerm(number, {}, {}, "", dict.fromkeys(states, ""), ())
+
+    kept, shared, more, none = piece(1, *"abcdef"), piece(2, *"fgh"), piece(3, "i"), piece(4)
+    assert naming.with_room_for_states([kept], [shared, more, none]) == [kept, shared, none]

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "bindings.h"
+#include "ground/model/expression_effect.h"
 #include "ground/palette.h"
 #include "ground/text_width.h"
 
@@ -34,6 +35,7 @@ PYBIND11_MODULE(_core, module) {
                                  std::to_string(EIGEN_MINOR_VERSION);
 
   module.attr("palette") = palette();
+  module.attr("max_effect_states") = ground::kMaxEffectStates;
   module.def("text_width", &ground::textWidth, "text"_a,
              "Width of a line of text in rviz, relative to the height of its letters.");
 

@@ -65,11 +65,23 @@ def formula(
         _piece(regression.features[j], size, first + i, memory)
         for i, (j, size) in enumerate(zip(at, (weights * regression.scale[at]).tolist()))
     ]
-    made = _fitted(likelihood, fit, [*kept, *pieces], begun.fit if begun else fit)
+    longer = with_room_for_states(kept, pieces)
+    if len(longer) == len(kept):
+        return None
+    made = _fitted(likelihood, fit, longer, begun.fit if begun else fit)
     if made is None or not shows(made):
         return None
     made = _shortened(likelihood, fit, made)
     return made if begun else _simplified(likelihood, fit, made)
+
+
+def with_room_for_states(kept: Sequence[FormulaTerm], more: Sequence[FormulaTerm]) -> List[FormulaTerm]:
+    """Pieces, and those of others, in their order, whose states one effect can hold beside them."""
+    pieces = list(kept)
+    for piece in more:
+        if len({state for one in (*pieces, piece) for state in one.states}) <= _core.max_effect_states:
+            pieces.append(piece)
+    return pieces
 
 
 def _chosen_features(regression: Regression) -> List[Term]:
