@@ -136,8 +136,8 @@ def _conclude(
     before = min(refits, key=lambda refit: found.compared(refit.tested, refits[0].tested).rise)
     if not found.chosen and not found.compared(refits[0].tested, before.tested).is_worse:
         before = refits[0]  # its intervals are the better ones
-    explained = found.explains(found.names)
-    verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees)
+    explained, refuted = found.explains(found.names), not found.chosen and before is not refits[0]
+    verdict = MISREAD if misread else _verdict(found, explained, refuted, varies, left, agrees)
     formula, named = None, None
     has_no_name = verdict in ("unexplained", "memory")  # ... and runs show that it is there
     if has_no_name or verdict == "undecided":
@@ -148,7 +148,7 @@ def _conclude(
         reached = left.reached_by(named.model)
         if has_no_name or (reached.said and _is_confirmed(found, named)):
             left = reached
-            verdict = _verdict(found, explained, varies, left, agrees)
+            verdict = _verdict(found, explained, refuted, varies, left, agrees)
         elif verdict == "missing":
             formula, named = None, None
     after = _grown(found) if found.chosen or before.fit else before
@@ -335,6 +335,7 @@ def _name(
 def _verdict(
     found: StepwiseDiagnosis,
     explained: bool,
+    refuted: bool,
     varies: Sequence[Varying],
     left: Ceiling,
     agrees: Agreement,
@@ -345,8 +346,9 @@ def _verdict(
         return "missing"
     if varies:
         return "varies"
-    # An effect that the likelihood prefers and held-out parts refute leaves open what is missing.
-    refuted = any(dropped.change is None for dropped in found.dropped)
+    # An effect that the likelihood prefers and held-out parts refute leaves open what is missing, as does a
+    # model of the likelihood that predicts worse than another fit.
+    refuted |= any(dropped.change is None for dropped in found.dropped)
     open_still = refuted or left.found is not None or not agrees.holds
     if not explained and (open_still or left.bound > SMALL):
         return "undecided"
