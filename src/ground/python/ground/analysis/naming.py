@@ -76,7 +76,7 @@ def formula(
 
 
 def with_room_for_states(kept: Sequence[FormulaTerm], more: Sequence[FormulaTerm]) -> List[FormulaTerm]:
-    """Pieces, and those of others, in their order, whose states one effect can hold beside them."""
+    """Pieces, and as many more, in their order, as one effect can hold with their states."""
     pieces = list(kept)
     for piece in more:
         if len({state for one in (*pieces, piece) for state in one.states}) <= _core.max_effect_states:
