@@ -85,6 +85,13 @@ def test_a_bad_table_is_refused_with_its_line(tmp_path, text, message):
     assert not (tmp_path / "thrust.yaml").exists()
 
 
+def test_a_draft_has_a_cell_for_every_held_level():
+    single = [(0, 0), (0.2, 0), (0, 0), (0.7, 0), (0, 0), (0, 0.2), (0, 0), (0, 0.7)]
+    assert bench_forces.draft(single) == "input,left,right\n0.2,,\n0.7,,\n"
+    assert bench_forces.draft([(0.5, 0.5), (0, 0), (1, 1)]) == "input,both\n0.5,\n1,\n"
+    assert bench_forces.draft(2 * single[:4]) == "input,left_1,left_2\n0.2,,\n0.7,,\n"
+
+
 @pytest.mark.parametrize("repeat", [1, 3])
 @pytest.mark.parametrize(
     "kind, force",

@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Counter as CounterType
-from typing import List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -168,6 +168,30 @@ def _thrusters(text: str, names: Sequence[str]) -> List[str]:
 
 
 # Rows that were computed
+
+
+def draft(levels: Sequence[Tuple[float, float]]) -> str:
+    """Text of a table for read(), with the inputs of levels (pairs left, right; 0..1) and without
+    forces; a repeated level gets another column. Raises GroundError when the columns would not have
+    the same inputs."""
+    counts: Dict[str, "CounterType[float]"] = {}
+    for left, right in levels:
+        if left > OFF and right > OFF and left != right:
+            raise GroundError(
+                "left %.3g and right %.3g at once have no column in a table of forces" % (left, right)
+            )
+        side = "left" if right <= OFF else "right" if left <= OFF else BOTH
+        if max(left, right) > OFF:
+            counts.setdefault(side, Counter())[max(left, right)] += 1
+    inputs = {tuple(sorted(count)) for count in counts.values()}
+    if len(inputs) != 1 or any(len(set(count.values())) > 1 for count in counts.values()):
+        raise GroundError("the thrusters were not held at the same levels equally often")
+    header = ["input"]
+    for side, count in counts.items():
+        rounds = next(iter(count.values()))
+        header += ["%s_%d" % (side, i + 1) for i in range(rounds)] if rounds > 1 else [side]
+    rows = ["%.6g" % level + "," * (len(header) - 1) for level in inputs.pop()]
+    return "\n".join([",".join(header)] + rows) + "\n"
 
 
 def without_copies(
