@@ -123,10 +123,11 @@ def test_a_slow_craft_under_control_is_not_another_clock(seed):
 
 
 def test_another_clock_shows_under_control_too():
-    run = tracked("ModelPredictive", 1, (1.1, 0.9, 1.1, 0.9, 1.0), 0.05, 0.0, 30.0)
-    since = run.pose_times - run.pose_times[0]
-    assert kinds(run) == []
-    assert kinds(run, run.pose_times + 0.01 * since) == ["drift"]
+    for seed in (1, 2, 3):
+        run = tracked("ModelPredictive", seed, (1.1, 0.9, 1.1, 0.9, 1.0), 0.05, 0.0, 30.0)
+        since = run.pose_times - run.pose_times[0]
+        assert kinds(run) == []
+        assert kinds(run, run.pose_times + 0.02 * since) == ["drift"]
     assert kinds(run, run.pose_times + 0.8) == kinds(run, run.pose_times - 0.2) == ["clock"]
 
 
