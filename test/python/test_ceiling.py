@@ -340,7 +340,7 @@ def test_recordings_made_by_the_model_agree_with_it_and_a_burst_does_not(pushed)
     odd = [flown(seed, push=0.005, burst=(2.0 + seed, 2.3 + seed, 0.4))[0] for seed in (1, 2, 3)]
     likelihood = Likelihood(odd, craft())
     found = agreement(odd, windows.cut(odd), likelihood, likelihood.fit(craft(), FREE), 1.0)
-    assert not found.holds and found.noise < found.error
+    assert not found.holds and found.error.noise < found.error.measured
 
 
 def test_a_formula_has_no_more_states_than_an_effect_can_hold():
