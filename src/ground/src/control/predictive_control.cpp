@@ -15,9 +15,7 @@ namespace {
 /// First turns of other plans, in both directions [rad]; full thrust follows.
 constexpr std::array<double, 4> kTurns = {M_PI / 4, M_PI / 2, 3 * M_PI / 4, M_PI};
 constexpr double kMaxOtherCost = 0.98;  // relative cost below which another plan replaces it
-/// Relative decrease of the cost to continue iterating: of the plan that is flown, which the next decision
-/// improves further, and of others, which are compared with it.
-constexpr double kMinImprovement = 1e-2, kMinOtherImprovement = 1e-3;
+constexpr double kMinImprovement = 1e-3;  // relative decrease of the cost to continue iterating
 
 }  // namespace
 
@@ -171,16 +169,16 @@ bool PredictiveControl::beginAtSeed(TrajectoryOptimizer& plan) {
   return true;
 }
 
-/// Improves a plan until an iteration lowers its cost by less than a part of `least`, at most `iterations`
-/// times; returns whether more of them may be of use.
-bool PredictiveControl::improve(TrajectoryOptimizer& plan, int iterations, double least) {
+/// Improves a plan until it hardly gets better, at most `iterations` times; returns whether more of
+/// them may be of use.
+bool PredictiveControl::improve(TrajectoryOptimizer& plan, int iterations) {
   const double first = plan.cost();
   for (int i = 0; i < iterations && budget_.left(); ++i) {
     ++improvements_;
     const double before = plan.cost();
-    if (plan.improve() && before - plan.cost() < least * before) return false;
+    if (plan.improve() && before - plan.cost() < kMinImprovement * before) return false;
   }
-  return budget_.isUp() || plan.cost() < (1 - least) * first;
+  return budget_.isUp() || plan.cost() < (1 - kMinImprovement) * first;
 }
 
 void PredictiveControl::search(double time) {
@@ -193,7 +191,7 @@ void PredictiveControl::search(double time) {
       continue;
     }
     other.time = time;
-    if (!improve(*other.plan, iterations, kMinOtherImprovement)) other.time.reset();
+    if (!improve(*other.plan, iterations)) other.time.reset();
     if (!(other.plan->cost() < kMaxOtherCost * best_.plan->cost())) continue;
     std::swap(best_.plan, other.plan);
     other.time.reset();
@@ -250,7 +248,7 @@ Thrusters<double> PredictiveControl::decide(const Observation& seen) {
   has_seeds_ = false;
   warmStart(acts);
   improvements_ = 0;
-  improve(*best_.plan, params_.iterations, kMinImprovement);
+  improve(*best_.plan, params_.iterations);
   if (best_.plan->error() < params_.lost) {
     endSearch();
   } else {

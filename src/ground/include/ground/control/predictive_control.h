@@ -78,7 +78,7 @@ class PredictiveControl : public TrackingController {
   void rateSeeds(TrajectoryOptimizer& plan);
   void follow(const Seed& seed, TrajectoryOptimizer& plan) const;
   Thrusters<double> inputsOf(const Seed& seed, double from, const TrajectoryOptimizer& plan) const;
-  bool improve(TrajectoryOptimizer& plan, int iterations, double least);
+  bool improve(TrajectoryOptimizer& plan, int iterations);
   double turnTime(double angle) const;
 
   /// The inputs that turn the craft fastest to one side.
