@@ -82,6 +82,43 @@ def test_two_candidates_are_refused(run, tmp_path, further):
     assert "undecided: other" in refusal(written(tmp_path, columns))
 
 
+def drifted(run):
+    return run.psi + 0.03 * (run.times - run.times[0])
+
+
+@pytest.mark.parametrize(
+    "line, names, changed",
+    [
+        ("left: .*undecided: .* it never rests at 0", NAMES, lambda r: {"left": 2 * r.left - 1}),
+        ("left: .*undecided: 5 to 10", NAMES.replace("left", "left [%]"), lambda r: {"left": 5 + 5 * r.left}),
+        ("time: .*undecided: by s, 0.1 rows", NAMES, lambda r: {"t": 1e3 * (r.times - r.times[0])}),
+        ("other headings: heading .rad.", NAMES + "|heading [rad]", lambda r: {"heading": drifted(r)}),
+        (
+            "other positions: x_map .m., y_map .m.",
+            NAMES.replace("x [m]|y [m]", "x_odom [m]|y_odom [m]") + "|x_map [m]|y_map [m]",
+            lambda r: {"x_map": r.x + 0.1 * np.sin(r.times), "y_map": r.y},
+        ),
+        ("others that could be it: stamp", NAMES + "|stamp [s]", lambda r: {"s": np.repeat(r.times[::4], 4)}),
+        ("could be commands: m1", NAMES.replace("left", "left_stick") + "|m1", lambda r: {"m1": r.left}),
+    ],
+)
+def test_what_may_be_read_wrong_is_refused_with_the_line_to_decide(run, tmp_path, line, names, changed):
+    columns = {name: column[: len(run.times)] for name, column in changed(run).items()}
+    text = refusal(written(tmp_path, told(run, names, **columns)))
+    assert re.search("to decide in it: .*" + line, text), text
+
+
+@pytest.mark.parametrize("is_named", [True, False])
+def test_left_and_right_that_contradict_the_frame_are_refused(run, tmp_path, is_named):
+    """Names say that z is up, or a height above the floor does."""
+    names = NAMES.replace("x [m]|y [m]", "x_enu [m]|y_enu [m]") if is_named else NAMES + "|z [m]"
+    high = {} if is_named else {"z": 0.05 + 1e-4 * np.sin(run.times)}
+    up = {"y": -run.y, "psi": -run.psi, **high}
+    assert len(ground.read(written(tmp_path, told(run, names, **up), name="sound.csv"))) == 1
+    swapped = told(run, names, left=run.right, right=run.left, **up)
+    assert re.search("swapped" if is_named else "to decide in it: axes", refusal(written(tmp_path, swapped)))
+
+
 def test_names_that_the_motion_refutes_are_refused(run, tmp_path):
     names = NAMES.replace("x [m]|y [m]", "x_ned [m]|y_ned [m]")
     sound = ground.read(written(tmp_path, told(run, names), name="sound.csv"))

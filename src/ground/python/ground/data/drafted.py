@@ -34,7 +34,7 @@ def read(path: str, given: FieldMapping, why: GroundError) -> List[Recording]:
     left = undecided.lines(text)
     tried = [_read(path, way, options) for way in undecided.either_way_up(text)]
     found = [runs for runs in tried if runs and all(_fits(run, is_complete=not left) for run in runs)]
-    if len(found) == 1:
+    if len(found) == 1 and (found[0] is tried[0] or not undecided.is_height_clear(text)):
         return found[0]
     left = left or [one.sentence for runs in tried for run in runs for one in _misread(run)]
     if not left:

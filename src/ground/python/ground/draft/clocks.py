@@ -14,6 +14,7 @@ from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
 RATES = (2.0, 1000.0)  # of rows, of which one unit of time alone can be [Hz]
+SELDOM = 1.0  # rate of rows below which a unit that is given may be another one [Hz]
 CLEARLY = 0.5  # by which the name of a time is likelier than others
 LONGEST = 20.0  # usual time between rows up to which times may be days [s]
 
@@ -115,12 +116,15 @@ def _doubt(
     worth = _time_worth(clock.field)
     if worth <= 0:
         return "it rises, but its name is of no time"
-    rivals = [n for n in _rising(numbers) if n not in fields and _time_worth(n) > max(worth - CLEARLY, 0)]
+    likely = [n for n in numbers if n not in fields and _time_worth(n) > max(worth - CLEARLY, 0)]
+    rivals = [n for n in likely if _rises(numbers[n], repeats=True)]
     if rivals:
         return "others that could be it: %s" % ", ".join(rivals)
     steps = np.diff(times[np.isfinite(times)])
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
-    is_usual = said or not clock.unit or RATES[0] < 1 / usual < RATES[1]
+    if said:
+        return "" if 1 / usual > SELDOM else "by %s, %.3g rows come in a second" % (said, 1 / usual)
+    is_usual = not clock.unit or RATES[0] < 1 / usual < RATES[1]
     return "" if is_usual else "no unit is given, and %.3g rows come in a second" % (1 / usual)
 
 
@@ -145,11 +149,15 @@ def _time_worth(name: str) -> float:
 
 def _rising(numbers: Mapping[str, Array]) -> List[str]:
     """Columns that rise all the time."""
-    return [
-        name
-        for name, values in numbers.items()
-        if len(values) > 1 and np.isfinite(values).all() and (np.diff(values) > 0).mean() > 0.95
-    ]
+    return [name for name, values in numbers.items() if _rises(values)]
+
+
+def _rises(values: Array, repeats: bool = False) -> bool:
+    """Whether numbers rise all the time; repeats: or stay, as the stamp of a pose does until the next."""
+    if len(values) < 2 or not np.isfinite(values).all():
+        return False
+    steps = np.diff(values)
+    return bool(((steps >= 0) if repeats else (steps > 0)).mean() > 0.95 and np.ptp(values) > 0)
 
 
 def _time_unit(name: str, said: str, values: Array) -> str:

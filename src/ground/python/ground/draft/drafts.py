@@ -8,7 +8,7 @@ import numpy as np
 
 from ground.draft import clocks, levels, several, sightings
 from ground.draft.several import Seen
-from ground.draft.undecided import MARK
+from ground.draft.undecided import CLEAR, MARK
 from ground.reading import containers, pose_columns, rows_apart, units, words
 from ground.reading.containers import RECEIVED, STAMP, TABLE, Columns, Container, Topic
 from ground.reading.mapping import ANGLES, FURTHER_LENGTHS, LENGTHS, SCHEMA
@@ -18,6 +18,8 @@ from ground.support.errors import GroundError
 MAX_ROWS = 20000  # messages of a topic to look at
 MOST = 0.99  # share of the poses that are upright by the right axes
 NORTH = 0.5  # mean angle between the heading and the course within which a compass's north is 0 [rad]
+ALIKE = 0.15  # difference of the likelihoods of two names of headings that are as likely
+RATES = ("rad/s", "deg/s")
 MAX_CHANNELS = 9  # that a mapping may have
 UPWARD = {"z": "x, -y, -z", "y": "x, z, -y", "x": "y, -z, -x"}  # axes by the one that points up
 NOT_COMMANDS = set(pose_columns.KINDS) - {"geometry_msgs/Pose", "geometry_msgs/PointStamped"}
@@ -174,6 +176,7 @@ def _axes(position: Array, quaternion: Array) -> str:
     sign = "positive: up" if height > 0 else "negative: down" if height < 0 else "0: up or down is not known"
     why = "%s moves least, %.0f%% of the poses are upright by it, and it is mostly %s"
     doubts = MARK + why if share > MOST else "these poses are not upright by any axis, " + MARK + why
+    doubts = doubts.replace(*CLEAR) if abs(height) > np.ptp(position[:, vertical]) else doubts
     return 'axes: "%s"  # ' % axes + doubts % (axes[-1], 100 * share, sign)
 
 
@@ -228,12 +231,24 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
         yield "body: %s" % clocks.quoted(chosen.body)
     for other in [one for one in chosen.poses[1:] if one.position != pose.position][:3]:
         yield "# %sother positions: %s" % (MARK, ", ".join(other.position + other.rotation))
+    if chosen.kind == TABLE and len(pose.rotation) == 1:
+        headings = _other_headings(chosen, pose)
+        if headings:
+            yield "# %sother headings: %s" % (MARK, ", ".join(headings))
     if len(pose.rotation) == 4:
         yield from _whole_lines(chosen, pose)
     else:
         yield from _planar_lines(chosen, pose)
     if chosen.clock:
         yield "time: %s" % chosen.clock
+
+
+def _other_headings(seen: Seen, pose: sightings.PoseColumns) -> List[str]:
+    """Headings that are as likely as that of a pose, such as a gyro's beside a mocap's."""
+    (name,), turns = pose.rotation, [one.rotation for one in seen.poses if len(one.rotation) == 1]
+    names = {turn[0]: None for turn in turns if seen.units.get(turn[0], "") not in RATES}
+    least = words.heading(name)[0] - ALIKE
+    return [n for n in names if words.heading(n)[0] >= least and not sightings.same(seen.values, name, n)]
 
 
 def _unit_of(seen: Seen, pose: sightings.PoseColumns, times: Array, position: Array) -> Tuple[str, str]:
@@ -283,6 +298,9 @@ def _flat(pose: sightings.PoseColumns, position: Array) -> Tuple[sightings.PoseC
     """A pose by its two horizontal fields, their values (n, 2), and its frame in a line."""
     is_named = all("ned" in words.split(path) for path in pose.position)
     turns = ("" if is_named else MARK) + "where headings are counter-clockwise from above"
+    if all("enu" in words.split(path) for path in pose.position):
+        flat = sightings.PoseColumns(pose.position[:2], pose.rotation, pose.kind)
+        return flat, position[:, :2], "%s  # the names say that z is up" % _upward(flat, "")
     if position.shape[1] == 2:
         return pose, position, "%s  # %s" % (_upward(pose, "# "), turns)
     spread = np.ptp(position, axis=0)  # the vertical one moves least
@@ -294,6 +312,7 @@ def _flat(pose: sightings.PoseColumns, position: Array) -> Tuple[sightings.PoseC
     pose = sightings.PoseColumns(tuple(pose.position[i] for i in flat), pose.rotation, pose.kind)
     if height > 0:
         line = "%s  # %s%s moves least and is mostly positive: up" % (_upward(pose, ""), MARK, name)
+        line = line.replace(*CLEAR) if height > np.ptp(position[:, vertical]) else line
     else:
         line = "%s  # %s, %s is %.3g" % (_upward(pose, "# "), turns, name, height)
     return pose, position[:, flat], line
@@ -381,6 +400,9 @@ def _command_lines(candidates: Sequence[Seen], every: Sequence[Seen], in_folder:
     if len(parts) > 1:
         yield "# one for each thruster, by their names: %s" % ", ".join(part.topic for part in parts)
     yield "channels:  # name each as the model names its thruster, or lift"
+    further = levels.further(chosen.topic, _free(chosen)) if len(parts) == 1 and chosen.kind == TABLE else []
+    if further:
+        yield "  # %sother columns that could be commands: %s" % (MARK, ", ".join(further))
     for number, (name, place, keys, why) in enumerate(_channels(parts, in_folder)):
         mark = "# %sfurther: " % MARK if number >= MAX_CHANNELS else ""
         yield "  %s%s: {%sfield: %s}  # %s" % (mark, name, place, keys, why)

@@ -14,6 +14,8 @@ LENGTHS = ("m", "cm", "mm", "km", "in", "ft")
 COUNTER = re.compile(r"(^|\.)(seq|secs|nsecs)$")
 NEUTRAL = (1450.0, 1550.0)  # pulses at which servos and controllers of reversible motors rest [us]
 LEAST_PULSE, MOST_PULSE = 1010.0, 1990.0  # pulses that reach off and full [us]
+RESTS = 0.02  # share of commands at 0 from which a command that goes below it rests there
+FEEBLE = 20.0  # percent that a command never exceeds, as pulses of a servo by their duty, and fractions
 REACHED = 0.99  # largest command of a unit that it is sure to have [full thrust]
 STEPS = (255.0, 1023.0, 4095.0, 32767.0, 65535.0)  # largest values of whole numbers of a few bits
 
@@ -48,6 +50,18 @@ def likely(topic: str, values: Mapping[str, Array]) -> Dict[str, Array]:
         and (units.command_unit(v) or commanded)
         and np.any(v != 0)
     }
+
+
+def further(topic: str, values: Mapping[str, Array]) -> List[str]:
+    """Columns beside the likely ones that switch as commands do, under names that say nothing."""
+    found = likely(topic, values)
+    return [
+        path
+        for path, v in ((p, finite(v)) for p, v in values.items() if p not in found)
+        if len(v) and 2 <= len(np.unique(v)) <= MAX_LEVELS and units.command_unit(v)
+        if not words.is_measured(path) and not words.OTHERS & set(words.split(path))
+        if not words.axis(path)[0] and not words.heading(path)[0] and not words.component(path)[0]
+    ]
 
 
 def _is_angle_beside(path: str, others: Mapping[str, Array]) -> bool:
@@ -90,6 +104,8 @@ def meaning(path: str, values: Array, said: str) -> Tuple[str, str]:
             keys = "off: %g, full: %g, range: [-1, 1]" % (rest, rest + most)
             return keys, MARK + why + ", and %g is its rest" % rest
         return "unit: microseconds", ("" if low <= LEAST_PULSE and high >= MOST_PULSE else MARK) + why
+    rests = low >= 0 or values[0] == 0 or np.mean(values == 0) >= RESTS
+    why += "" if rests else ", it never rests at 0: %g may be off" % low
     turned = _direction(path, most, said)
     if turned[0]:
         return turned[0], MARK + why + turned[1]
@@ -97,9 +113,10 @@ def meaning(path: str, values: Array, said: str) -> Tuple[str, str]:
         keys = "off: 0, full: %s%s" % (_above(most), both)
         return keys, MARK + why + ", an angle in %s: full is its largest" % said
     if said == "%" or unit == "percent":
-        return "unit: percent" + both, ("" if said == "%" or most >= 100 * REACHED else MARK) + why
+        is_sure = most > FEEBLE if said == "%" else most >= 100 * REACHED
+        return "unit: percent" + both, ("" if is_sure and rests else MARK) + why
     if unit == "normalised" and said != "rpm":
-        return "unit: normalised" + both, ("" if most >= REACHED and not said else MARK) + why
+        return "unit: normalised" + both, ("" if most >= REACHED and not said and rests else MARK) + why
     top = next((step for step in STEPS if most == step), most)
     keys = "off: 0, full: %s%s" % (_above(top), both)
     return keys, MARK + why + (", full is its largest" if top == most else "")

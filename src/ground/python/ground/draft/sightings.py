@@ -13,6 +13,7 @@ CLEAR = 0.75  # mean resultant of headings against the course that may decide
 TURNED, SHARE = 0.1, 0.35  # least lack of the other sign's, and largest share of it that decide
 LONG_WAY = 30.0  # steps of the course, in standard deviations of the noise of positions
 TURNS = 0.1  # size of a component of a quaternion that is not near 0
+SAME = 1e-3  # difference of two columns with the same numbers, of their range
 COMPONENTS = ("x", "y", "z", "w")
 
 
@@ -42,11 +43,14 @@ def of_columns(values: Mapping[str, Array]) -> List[PoseColumns]:
 
 def _positions(values: Mapping[str, Array]) -> Iterator[Tuple[Tuple[str, ...], str, float, words.Stem]]:
     """Columns of positions, their kind, how likely they are, and the words that they share."""
-    by_stem: Dict[words.Stem, Dict[str, str]] = {}
+    by_stem: Dict[Tuple[words.Stem, int], Dict[str, str]] = {}  # by number of equal names: x_odom, x_map
     for name in values:
         axis, stem = words.axis(name)
         if axis:
-            axes = by_stem.setdefault(stem, {})
+            number = 0
+            while _both_move(values, by_stem.get((stem, number), {}).get(axis, name), name):
+                number += 1
+            axes = by_stem.setdefault((stem, number), {})
             if axis not in axes or np.ptp(_finite(values[axes[axis]])) == 0:  # of a repeated name, what moves
                 axes[axis] = name
     for first in (name for name in values if words.split(name)[-2:] in (["eta", "0"], ["pose", "0"])):
@@ -59,7 +63,10 @@ def _positions(values: Mapping[str, Array]) -> Iterator[Tuple[Tuple[str, ...], s
         there = tuple(name for name in every if name in values)
         if there[:2] == tuple(every[:2]) and not (digit and re.sub("1(?=[^1]*$)", "0", first) in values):
             yield there, "xy", 1.5, tuple(words.split(first)[:-1])
-    for stem, axes in by_stem.items():
+    for (stem, number), axes in by_stem.items():
+        first_ones = by_stem[stem, 0]
+        if number and all(same(values, first_ones.get(axis, name), name) for axis, name in axes.items()):
+            continue
         others = set(stem) - words.PLACED - words.MEASURED
         worth = 2.0 - 0.5 * len(others) + 0.7 * bool(set(stem) & words.MEASURED)
         for kind, letters, less in (("xy", "xyz", 0.0), ("map", "ne", 0.0), ("fix", ("lat", "lon"), 2.0)):
@@ -69,6 +76,21 @@ def _positions(values: Mapping[str, Array]) -> Iterator[Tuple[Tuple[str, ...], s
                 if kind == "xy" and places.look_geodetic(np.column_stack([values[n] for n in names])):
                     kind = "fix"
                 yield names, kind, worth - less - (len(moves) < 2), stem
+
+
+def _both_move(values: Mapping[str, Array], one: str, other: str) -> bool:
+    """Whether two columns, not one, have numbers that change."""
+    return one != other and all(np.ptp(_finite(values[name])) > 0 for name in (one, other))
+
+
+def same(values: Mapping[str, Array], one: str, other: str) -> bool:
+    """Whether two columns have the same numbers, but for a unit and an offset, or one never changes."""
+    both = np.column_stack([values[one], values[other]])
+    both = both[np.isfinite(both).all(axis=1)]
+    if one == other or len(both) < 3 or not (np.ptp(both, axis=0) > 0).all():
+        return True
+    left = both[:, 1] - np.polyval(np.polyfit(both[:, 0], both[:, 1], 1), both[:, 0])
+    return bool(np.abs(left).max() < SAME * np.ptp(both[:, 1]))
 
 
 def _quaternions(values: Mapping[str, Array]) -> Iterator[Tuple[Tuple[str, ...], float, words.Stem]]:

@@ -7,6 +7,7 @@ from ground.reading import units
 
 MARK = "undecided: "  # before a guess without evidence
 AXES = re.compile(r'(# )?axes: "(.*)"  # %s.*' % MARK)
+CLEAR = ("mostly", "clearly")  # a height that says which way is up, in place of one that is near 0
 SEEN = 'axes: "%s"  # so left and right turn the craft as it moves'
 
 
@@ -15,9 +16,15 @@ def lines(text: str) -> List[str]:
     return [line.strip() for line in text.splitlines() if MARK in line]
 
 
+def is_height_clear(text: str) -> bool:
+    """Whether a height says which way is up, of a draft whose frame alone is undecided."""
+    found = AXES.search(text)
+    return bool(found and " is %s " % CLEAR[1] in found.group())
+
+
 def either_way_up(text: str) -> List[str]:
-    """A draft with its frame either way up where nothing else is undecided; itself where it is complete;
-    empty where somebody has to decide."""
+    """A draft with its frame either way up, its own guess first, where nothing else is undecided; itself if
+    it is complete; empty where somebody has to decide."""
     found = AXES.search(text)
     if not found or len(lines(text)) > 1:
         return [] if lines(text) else [text]
