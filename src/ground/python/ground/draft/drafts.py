@@ -244,7 +244,7 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
 
 
 def _other_headings(seen: Seen, pose: sightings.PoseColumns) -> List[str]:
-    """Headings that are as likely as that of a pose, such as a gyro's beside a mocap's."""
+    """Headings that are as likely as the heading of a pose, such as a gyro's beside a mocap's."""
     (name,), turns = pose.rotation, [one.rotation for one in seen.poses if len(one.rotation) == 1]
     names = {turn[0]: None for turn in turns if seen.units.get(turn[0], "") not in RATES}
     least = words.heading(name)[0] - ALIKE
@@ -298,9 +298,10 @@ def _flat(pose: sightings.PoseColumns, position: Array) -> Tuple[sightings.PoseC
     """A pose by its two horizontal fields, their values (n, 2), and its frame in a line."""
     is_named = all("ned" in words.split(path) for path in pose.position)
     turns = ("" if is_named else MARK) + "where headings are counter-clockwise from above"
-    if all("enu" in words.split(path) for path in pose.position):
-        flat = sightings.PoseColumns(pose.position[:2], pose.rotation, pose.kind)
-        return flat, position[:, :2], "%s  # the names say that z is up" % _upward(flat, "")
+    named = [words.split(path) for path in pose.position]
+    if all("enu" in own for own in named) or ("east" in named[0] and "north" in named[1]):
+        level = sightings.PoseColumns(pose.position[:2], pose.rotation, pose.kind)
+        return level, position[:, :2], "%s  # the names say that z is up" % _upward(level, "")
     if position.shape[1] == 2:
         return pose, position, "%s  # %s" % (_upward(pose, "# "), turns)
     spread = np.ptp(position, axis=0)  # the vertical one moves least
