@@ -14,7 +14,7 @@ namespace {
 
 /// First turns of other plans, in both directions [rad]; full thrust follows.
 constexpr std::array<double, 4> kTurns = {M_PI / 4, M_PI / 2, 3 * M_PI / 4, M_PI};
-constexpr double kMaxOtherCost = 0.98;  // relative cost below which another plan replaces it
+constexpr double kMaxOtherCost = 0.98;    // relative cost below which another plan replaces it
 constexpr double kMinImprovement = 1e-3;  // relative decrease of the cost to continue iterating
 
 }  // namespace
