@@ -47,9 +47,9 @@ class Common:
 class WindowErrors:
     """Root mean square errors of recordings."""
 
-    measured: float  # of the real ones
-    expected: float  # of the artificial ones
-    noise: float  # of artificial ones with the poses' noise alone; NaN where the motion is not finite
+    measured: float  # of the real recordings
+    expected: float  # of the artificial recordings
+    noise: float  # of artificial recordings with the poses' noise alone; NaN where the motion is not finite
 
 
 @dataclass(frozen=True)

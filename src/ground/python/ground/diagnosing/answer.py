@@ -93,7 +93,7 @@ def _answers(report: DiagnosisReport) -> Iterator[str]:
     rest = _rest(report)
     if rest:
         yield rest
-    if report.improved.by == "simulation" and report.verdict != "undecided":
+    if report.improved.by == "simulation":
         yield "The model is fitted by simulation error: it predicts better than the one by likelihood."
     if report.steps and not rest and _rest_matters(report):
         yield capital(_left(report))
@@ -219,10 +219,7 @@ def _undecided(report: DiagnosisReport, depends: bool) -> str:
     if not report.agreement.holds:
         return words.pattern(report) + "."
     if report.improved.by == "simulation" and not report.steps:
-        return (
-            "the likelihood takes what is left for a random push, and its model predicts worse than one that "
-            "is fitted by simulation error."
-        )
+        return "the likelihood takes what is left for a random push, but predicts worse than another fit."
     told = "a random disturbance explains what is left as well as an effect would (of up to %.0f%% of it)."
     return told % float(100 * report.ceiling.bound)
 

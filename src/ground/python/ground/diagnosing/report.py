@@ -139,7 +139,7 @@ class AddedEffect:
     """An effect that was added."""
 
     added: str
-    error: ModelError  # of the model with it
+    error: ModelError  # of the model with the proposed effect
     group: List[str]  # effects that the runs do not distinguish from it, itself first
     p: float
     p_corrected: float  # for the number of effects tried
@@ -224,11 +224,11 @@ class NextExperiment:
 
     separates: List[str]  # names of the rivals
     input: str  # in words
-    arguments: str  # of identify simulate, open loop
+    arguments: str  # of `identify simulate`, which flies it open loop
     launch: str  # line that flies it
     room: str  # its name
     repeat: int  # number of such runs for a clear decision
-    expected_disagreement: float  # of one of them [standard deviations]
+    expected_disagreement: float  # of one such run [standard deviations]
     call: str = field(default="", metadata={ABSENT: ""})  # that flies a simulated craft in Python
 
 
