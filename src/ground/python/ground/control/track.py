@@ -257,15 +257,32 @@ def track(
     options: _TrackOptions,
     **settings: Any,
 ) -> Tracking:
-    """A controller that follows a reference in closed loop with a simulated craft, without ROS.
+    """Follows a reference with a controller, in closed loop with a simulated craft and without ROS.
 
-    model: the controller's model. reference: its kind, or a CSV file. gains may also be names and values,
-    and perturb {name: factor}. settings: further parameters of the reference, such as x, y, end_x, end_y
-    [m]. controller may also be a function: from a measured state (eta, nu), the reference (p, p_dot, p_ddot,
-    p_dddot) and the time since it began [s] to the inputs of the thrusters, 0..1. GroundError when something
-    does not exist, the motion is not finite, or that function fails. Options, as keyword arguments or as
-    TrackOptions:
+    A `controller` of your own is a function of a measured state (eta, nu), the reference (p, p_dot, p_ddot,
+    p_dddot) and the time since it began [s], and gives the inputs of the thrusters, 0..1.
 
+    Parameters
+    ----------
+    model : Model or path
+        The controller's model.
+    reference : str or path, default 'circle'
+        Kind of the reference, or a CSV file.
+    **settings
+        Further parameters of the reference, such as x, y, end_x, end_y [m].
+
+    Returns
+    -------
+    Tracking
+        The runs, and their errors.
+
+    Raises
+    ------
+    GroundError
+        When something does not exist, the motion is not finite, or the function of your own fails.
+
+    Examples
+    --------
     >>> found = ground.track(model_file, "circle", gains=gains_file, end_time=30, settled=20)
     >>> found.stopped, found.rms < 0.03  # [m]
     (False, True)

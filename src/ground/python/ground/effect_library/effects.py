@@ -249,10 +249,18 @@ class Effects(Shown, List[Effect]):
 
 
 def effects() -> Effects:
-    """The effects of the library, with meaning and parameters. A diagnosis tries all but those that it is
-    asked for (`effects=` of ground.diagnose). Crafts that list their thrusters have effects of single ones
-    as well, such as thruster_gain_NAME.
+    """Lists the effects of the library, with meaning and parameters.
 
+    A diagnosis tries all but those that it is asked for (`effects=` of ground.diagnose). Crafts that list
+    their thrusters have effects of single ones as well, such as thruster_gain_NAME.
+
+    Returns
+    -------
+    Effects
+        A list that shows as a table.
+
+    Examples
+    --------
     >>> known = ground.effects()
     >>> known.to_frame().loc["motor_lag", "parameters"]
     'tau [s]'

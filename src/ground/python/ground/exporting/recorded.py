@@ -84,13 +84,37 @@ def to_mcap(
     horizon: float = 1.5,
     force: bool = False,
 ) -> ExportedRun:
-    """Writes a run to an MCAP file, for Foxglove and other viewers: poses as measured, the state, the
-    commands, and of each model what it predicts, how far that is off, and the missing force; the room.
+    """Writes a run to an MCAP file, for Foxglove and other viewers.
 
-    recording: one, or its file. models: at most two. horizon: how far they predict [s]. GroundError when
-    there are more, a model cannot predict the run, foxglove-sdk is not installed, or the file cannot be
-    written; force: overwrites an existing one.
+    It has poses as measured, the state, the commands and the room; of each model what it predicts, how far
+    that is off, and the missing force.
 
+    Parameters
+    ----------
+    recording : Recording or path
+        A single run.
+    path : path
+        The file to write.
+    models : iterable of Model or path, optional
+        At most two.
+    horizon : float, default 1.5
+        How far they predict [s].
+    force : bool, default False
+        Overwrite an existing file.
+
+    Returns
+    -------
+    ExportedRun
+        What was written.
+
+    Raises
+    ------
+    GroundError
+        When there are more models, a model cannot predict the run, foxglove-sdk is not installed, or the file
+        cannot be written.
+
+    Examples
+    --------
     >>> import tempfile
     >>> print(ground.to_mcap(bag, tempfile.mkdtemp() + "/run.mcap", [model_file], horizon=1.0).models)
     ['tiny_whoover']

@@ -72,11 +72,7 @@ class Figures(Mapping[str, Any]):
 
 
 def plot(result: Any, name: str = "") -> Any:
-    """The figures of a recording or a result; also `result.plot(name)`.
-
-    Without a name: the figure (plotly.graph_objects.Figure) if there is only one, else Figures. Names are
-    "errors", and "motion RUN" and the like; "motion" is enough for a single run. A figure's layout.meta says
-    what it shows. GroundError when there is none of that name.
+    """Draws the figures of a recording or a result; also `result.plot(name)`.
 
     - Recording: motion
     - Prediction: motion, residuals
@@ -86,6 +82,25 @@ def plot(result: Any, name: str = "") -> Any:
     - Discovery: errors; flight N
     - History: PARAMETER
 
+    Parameters
+    ----------
+    result : Recording, Prediction, Fit, Comparison, Diagnosis, Tracking, Discovery or History
+        What is drawn.
+    name : str, optional
+        Name of one figure; "motion" is enough for a single run.
+
+    Returns
+    -------
+    plotly.graph_objects.Figure or Figures
+        The figure of that name, or the only one; else all. A figure's layout.meta says what it shows.
+
+    Raises
+    ------
+    GroundError
+        When there is none of that name.
+
+    Examples
+    --------
     >>> run, = ground.read(bag)
     >>> figure = ground.plot(run)
     >>> [trace.name for trace in figure.data][:2]

@@ -53,15 +53,29 @@ def workbench(
     begun: Callable[[str], None] = lambda address: None,
     options: WorkbenchOptions,
 ) -> None:
-    """Serves a page on this computer until Ctrl-C: measured against predicted motion, fits, where the model
-    fails, what is missing, and its error with it.
+    """Serves a page on this computer until Ctrl-C: measured against predicted motion, fits, missing effects.
 
-    recordings, holdout: recordings or bags to fit to, and to hold out; the page can change that. reading:
-    options of ground.read, with which bags are read here and by the scripts that are saved. output: folder,
-    made if it is missing, of the work file, which brings everything back when the workbench is started
-    again, and of what the page saves; nothing else is written. begun: called with the address of the page.
-    GroundError when a file cannot be read, or the system has no fork (Windows). Options:
+    Parameters
+    ----------
+    recordings, holdout : Recording, path, or several
+        Recordings or bags to fit to, and to hold out; the page can change that.
+    model : Model or path
+        The model to start from.
+    output : path, default 'workbench'
+        Folder, made if it is missing, of the work file, which brings everything back when the workbench is
+        started again, and of what the page saves.
+    reading : mapping, optional
+        Options of ground.read, with which bags are read here and by the scripts that are saved.
+    begun : callable, optional
+        Called with the address of the page.
 
+    Raises
+    ------
+    GroundError
+        When a file cannot be read, or the system has no fork (Windows).
+
+    Examples
+    --------
     >>> def seen(address):  # a program of your own may open it
     ...     raise SystemExit("at %s..." % address[:17])
     >>> ground.workbench(bag, model_file, begun=seen)
