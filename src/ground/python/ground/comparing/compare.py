@@ -45,8 +45,6 @@ def compare(
     ----------
     models : Model, path, or several
         One or several, or {label: model}.
-    recordings : Recording, path, or several
-        Recordings or bags.
 
     Returns
     -------

@@ -54,7 +54,7 @@ class Prediction(Shown, Plotted):
     """
 
     name: str  #: of the run
-    model: Model
+    model: Model  #: that predicts
     horizon: float  #: how far each prediction goes [s]; of a prediction to the end, the longest
     position_mm: float  #: rms error of the position at the horizon, over all starts [mm]
     heading_deg: float  #: rms error of the heading there [deg]
@@ -146,21 +146,12 @@ def predict(
 
     Parameters
     ----------
-    model : Model or path
-        The model that predicts.
-    recording : Recording or path
-        A single run.
     horizon : float, default 1.5
         How far each prediction goes [s]; infinite: from the beginning to the end, or to the next gap.
     band : float, optional
         Share of the samples that a band is to hold, 0..1. It needs the parts of a fit.
     parts : sequence, optional
         Fits without a part of the runs, as `Fit.predict` gives them.
-
-    Returns
-    -------
-    Prediction
-        Measured and predicted samples, and the errors over all starts.
 
     Raises
     ------

@@ -16,6 +16,7 @@ from ground.simulation import laws, listing, tracking
 from ground.support import command_line, files
 from ground.support.annotations import Document, Path, Setting
 from ground.support.command_line import count, option, positive, seconds, seed
+from ground.support.docstrings import internal
 from ground.support.errors import GroundError, OptionError, core_errors
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
@@ -57,8 +58,8 @@ class Tracking(Shown, Plotted):
     True
     """
 
-    controller: str
-    reference: str
+    controller: str  #: its kind
+    reference: str  #: its kind, or file
     runs: List[Track]  #: a run from each start
     #: medians over the runs: rms, max, final, after_stop_max [m], saturated_fraction, effort,
     #: wanted_outside, wanted_largest, compute_ms (median, p999, max), rms_quantiles (p05, p95); stopped
@@ -70,7 +71,7 @@ class Tracking(Shown, Plotted):
     remark: str  #: how the controller uses the model's effects; empty when nothing is odd
     effects: Dict[str, List[str]]  #: effects that the controller has used and unused
     gains: Dict[str, Setting]  #: parameters of the controller by name
-    seed: Optional[int]
+    seed: Optional[int]  #: of noise and starts
     noise: Optional[bool] = None  #: whether the mocap had noise; None: not recorded
 
     @property
@@ -102,14 +103,14 @@ class Tracking(Shown, Plotted):
         }
 
     def save(self, path: Path, force: bool = False) -> str:
-        """Writes a JSON file, which `load` reads; returns its path. GroundError when it exists and `force` is
-        not set."""
+        """Writes a JSON file, which `load` reads."""
         place = os.fspath(path)
         runs = [{k: v.tolist() if k in COLUMNS else v for k, v in vars(run).items()} for run in self.runs]
         files.write_json(place, {"schema": SCHEMA, **vars(self), "runs": runs}, force)
         return place
 
     @classmethod
+    @internal
     def load(cls, path: Path) -> "Tracking":
         """The result that `save` wrote. GroundError when it cannot be read."""
         folder, name = os.path.split(os.path.abspath(os.fspath(path)))
@@ -270,11 +271,6 @@ def track(
         Kind of the reference, or a CSV file.
     **settings
         Further parameters of the reference, such as x, y, end_x, end_y [m].
-
-    Returns
-    -------
-    Tracking
-        The runs, and their errors.
 
     Raises
     ------

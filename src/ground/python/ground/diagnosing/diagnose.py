@@ -78,8 +78,6 @@ def diagnose(
     ----------
     model : Model or path
         The model to look into.
-    recordings : Recording, path, or several
-        What is fitted to: recordings or bags.
     holdout : Recording, path, or several, optional
         Judges what is found and decides nothing. Without it, parts of recordings are held out.
     told : callable, optional

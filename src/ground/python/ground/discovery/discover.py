@@ -17,6 +17,7 @@ from ground.simulation import simulate as simulating
 from ground.support import command_line
 from ground.support.annotations import Path
 from ground.support.command_line import option, seed
+from ground.support.docstrings import internal
 from ground.support.errors import GroundError, OptionError
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
@@ -83,6 +84,7 @@ class Discovery(Shown, Plotted):
     page: str  #: path of report.html; empty without a folder
 
     @classmethod
+    @internal
     def of(cls, story: Story, model: Model, page: str = "") -> "Discovery":
         """The result of a story; model: its newest; page: path of report.html."""
         last = story.findings[-1] if story.findings else None
@@ -99,6 +101,7 @@ class Discovery(Shown, Plotted):
         )
 
     @classmethod
+    @internal
     def load(cls, folder: Path) -> "Discovery":
         """What the discovery of a folder has found so far. GroundError when there is none."""
         place = os.path.abspath(os.fspath(folder))
@@ -159,11 +162,6 @@ def discover(
         folder is continued.
     told : callable, optional
         Called with the Story at each change.
-
-    Returns
-    -------
-    Discovery
-        The effects that were found, and the model with them.
 
     Raises
     ------

@@ -18,6 +18,7 @@ from ground.poses import repair
 from ground.reading.recording import Recording
 from ground.support import files
 from ground.support.annotations import Array, Indices, Path
+from ground.support.docstrings import complete
 from ground.support.errors import GroundError
 from ground.support.headline import Line
 from ground.support.results import Shown, distinct_labels
@@ -41,7 +42,7 @@ class ExportedRun(Shown):
     (['/commands', '/log', '/model/accuracy'], ['tiny_whoover'])
     """
 
-    path: str
+    path: str  #: of the file
     name: str  #: of the run
     duration: float  #: [s]
     models: List[str]  #: labels of the models, in the order of the channels /model and /model2
@@ -77,6 +78,7 @@ class ChannelWriter(NamedTuple):
     write: Callable[[int, int], None]  # takes a time [ns] and its index
 
 
+@complete
 def to_mcap(
     recording: "Union[Recording, Path]",
     path: Path,
@@ -91,21 +93,8 @@ def to_mcap(
 
     Parameters
     ----------
-    recording : Recording or path
-        A single run.
-    path : path
-        The file to write.
     models : iterable of Model or path, optional
         At most two.
-    horizon : float, default 1.5
-        How far they predict [s].
-    force : bool, default False
-        Overwrite an existing file.
-
-    Returns
-    -------
-    ExportedRun
-        What was written.
 
     Raises
     ------

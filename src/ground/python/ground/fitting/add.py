@@ -61,18 +61,17 @@ class Addition(Shown, Estimated):
     ('yaw_bias', ('yaw_bias',), True)
     """
 
-    effect: str
+    effect: str  #: name of the added one
     model: Model  #: with the effect
     parameters: Dict[str, Parameter]  #: parameters of the model with the effect, by name
     parameters_before: Dict[str, Parameter]  #: parameters of the model without it
     error: Dict[str, Change]  #: by kind of runs: fit, heldout, and holdout where some were given
-    prediction: Optional[
-        PredictionError
-    ]  #: without the effect and with it, on held-out data; None: too short
+    #: without the effect and with it, on held-out data; None: too short
+    prediction: Optional[PredictionError]
     noise_floor: float  #: error that the noise of the poses alone would leave
     folds: str  #: what was held out
     window: float  #: length of the windows of the error [s]
-    verdict: Verdict
+    verdict: Verdict  #: whether the effect helps, and why
 
     def to_dict(self) -> Dict[str, object]:
         """Plain values, as `identify add --json` prints them."""
@@ -156,10 +155,6 @@ def add(
         The model without the effect.
     effect : Effect, str, path or mapping
         An effect, a name of the library, or a YAML file with one effect or its content.
-    recordings : Recording, path, or several
-        What is fitted to: recordings or bags.
-    holdout : Recording, path, or several, optional
-        Recordings or bags to test on.
 
     Returns
     -------

@@ -102,10 +102,6 @@ def fit(
     ----------
     model : Model or path
         The model with the start values.
-    recordings : Recording, path, or several
-        What is fitted to: recordings or bags.
-    holdout : Recording, path, or several, optional
-        Recordings or bags to test on.
 
     Returns
     -------

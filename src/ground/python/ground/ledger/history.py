@@ -78,11 +78,6 @@ def history(
     mapping : path or FieldMapping, optional
         A mapping file, or its content; tables need one.
 
-    Returns
-    -------
-    History
-        Changes, odd crafts, and the estimates of each run.
-
     Raises
     ------
     GroundError

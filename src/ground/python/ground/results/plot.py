@@ -25,12 +25,13 @@ from ground.reading.recording import VELOCITY, Recording
 from ground.reports import figures, run_figures, tracking_figures, wrench_figures
 from ground.reports.inspection import Inspection, PredictionBand, SimulatedMotion
 from ground.support.annotations import Plotly
+from ground.support.docstrings import Described
 from ground.support.errors import GroundError
 
 Makers = Dict[str, Callable[[], Any]]  # documents of plotly
 
 
-class Figures(Mapping[str, Any]):
+class Figures(Described, Mapping[str, Any]):
     """Figures of plotly by name. Each is drawn when it is asked for; a notebook shows all.
 
     >>> drawn = ground.compare(model_file, bag).plot()

@@ -4,24 +4,10 @@ import argparse
 import functools
 import inspect
 import math
-import re
-import textwrap
-from dataclasses import Field, field, fields, replace
-from typing import (
-    Any,
-    Callable,
-    Collection,
-    Dict,
-    ForwardRef,
-    Iterable,
-    Iterator,
-    Optional,
-    Type,
-    TypeVar,
-    Union,
-)
+from dataclasses import field, fields, replace
+from typing import Any, Callable, Dict, Iterable, Optional, Type, TypeVar
 
-from ground.support import files, progress
+from ground.support import docstrings, files, progress
 from ground.support.errors import OptionError
 from ground.support.results import Shown
 
@@ -83,7 +69,7 @@ def given(options: Any, names: Iterable[str]) -> Dict[str, Any]:
 
 def takes(kind: Type[Any]) -> Callable[[Callable[..., _T]], Callable[..., _T]]:
     """Lets a function with an argument `options`, a dataclass of this kind, take its fields as keyword
-    arguments, too. Its signature lists them, and its docstring (of numpy's style) describes them."""
+    arguments, too. Its signature and its docstring list them."""
 
     def decorate(function: Callable[..., _T]) -> Callable[..., _T]:
         @functools.wraps(function)
@@ -92,75 +78,19 @@ def takes(kind: Type[Any]) -> Callable[[Callable[..., _T]], Callable[..., _T]]:
             chosen = keywords.pop("options", None) or kind()
             return function(*given, options=replace(chosen, **own), **keywords)
 
-        given = dict(inspect.signature(function).parameters)
+        signature = inspect.signature(function)
+        given = dict(signature.parameters)
         given["options"] = given["options"].replace(default=None)
         for f in fields(kind):
             given[f.name] = inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default)
-        # Types are in the docstring: those of Python fill the screen before it.
+        # The docstring has the types: as Python writes them they fill the screen before it.
         bare = [one.replace(annotation=inspect.Parameter.empty) for one in given.values()]
         parameters = sorted(bare, key=lambda one: one.kind)
-        vars(taking)["__signature__"] = inspect.Signature(parameters)
-        head, following, rest = re.split(
-            r"^(Raises|Examples)$", inspect.cleandoc(function.__doc__ or ""), maxsplit=1, flags=re.M
-        )
-        rows = ["Other Parameters", "----------------", *(PROGRESS if "progress" in given else [])]
-        rows += ["options : %s, optional" % kind.__name__, *OPTIONS, *_described(kind, given)]
-        taking.__doc__ = head + "\n".join(rows) + "\n\n" + following + rest
+        vars(taking)["__signature__"] = signature.replace(parameters=parameters)
+        taking.__doc__ = docstrings.with_options(function, kind)
         return taking
 
     return decorate
-
-
-WIDTH = 100  # of a docstring's text
-OPTIONS = ["    The following as one object, whose values keyword arguments replace."]
-PROGRESS = [
-    "progress : callable, optional",
-    "    Called with a `ground.support.progress.Report` at each step.",
-]
-
-
-def _described(kind: Type[Any], known: Collection[str]) -> Iterator[str]:
-    """The lines of a docstring that describe options. known: names of all arguments, as Python has them."""
-
-    def named(option: "re.Match[str]") -> str:
-        name = option.group(1).replace("-", "_")
-        return "`%s`" % name if name in known else option.group()
-
-    for f in fields(kind):
-        text = re.sub(r" \(%\(default\)\w\)", "", f.metadata["help"]) % {"default": f.default}
-        text = re.sub(r"--([a-z][a-z-]*)", named, text)
-        if f.default is True:
-            text = text.replace("do not ", "", 1)  # the command line has its opposite
-        if re.match("[a-z]+ ", text):
-            text = text[0].upper() + text[1:]
-        default = "optional" if f.default in (None, ()) else "default %r" % (f.default,)
-        yield "%s : %s, %s" % (f.name, _type_of(f), default)
-        yield from textwrap.wrap(text + ".", WIDTH, initial_indent="    ", subsequent_indent="    ")
-
-
-def _type_of(option: "Field[Any]") -> str:
-    """The type of an option in words, with its choices or its range."""
-    name = _type_name(option.type)
-    if "choices" in option.metadata:
-        name = name.replace("str", "{%s}" % ", ".join(map(repr, option.metadata["choices"])))
-    return name + " from %g to %g" % option.metadata["range"] if "range" in option.metadata else name
-
-
-def _type_name(kind: Any) -> str:
-    """A type in words."""
-    origin, parts = getattr(kind, "__origin__", None), getattr(kind, "__args__", ())
-    if origin is Union:
-        names = dict.fromkeys(_type_name(part) for part in parts if part is not type(None))
-        if "path" in names:
-            del names["str"]
-        return " or ".join(names)
-    if isinstance(kind, ForwardRef):
-        return "path"
-    if origin is None:
-        return str(kind.__name__)
-    name = str(origin.__name__).lower()
-    of = dict.fromkeys(map(_type_name, parts)) if name in ("sequence", "tuple") else ()
-    return "%s of %s" % (name, *of) if len(of) == 1 else name
 
 
 # Types of options
