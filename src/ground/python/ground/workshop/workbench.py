@@ -91,7 +91,7 @@ def workbench(
     folder = os.path.abspath(os.fspath(output))
     os.makedirs(folder, exist_ok=True)
     rooms = map(Room.of_recording, runs)
-    room = Room.of(options.room) if options.room else next(filter(None, rooms), None)
+    room: Optional[Room] = Room.of(options.room) if options.room else next(filter(None, rooms), None)
 
     def heard(number: int, kind: str, content: Any) -> None:
         session.heard(number, kind, content)
