@@ -90,8 +90,8 @@ def workbench(
     repaired(runs, told, given.core)
     folder = os.path.abspath(os.fspath(output))
     os.makedirs(folder, exist_ok=True)
-    rooms = map(Room.of_recording, runs)
-    room: Optional[Room] = Room.of(options.room) if options.room else next(filter(None, rooms), None)
+    wanted = Room.of(options.room) if options.room else None
+    room = wanted or next(filter(None, map(Room.of_recording, runs)), None)
 
     def heard(number: int, kind: str, content: Any) -> None:
         session.heard(number, kind, content)
