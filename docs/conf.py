@@ -13,12 +13,15 @@ project = "ground"
 author = "the ground team"
 copyright = author
 release = ElementTree.parse(os.path.join(ROOT, "src/ground/package.xml")).findtext("version")
-extensions = ["myst_parser", "from_code", "sphinx.ext.autodoc", "sphinx_copybutton"]
+extensions = ["myst_parser", "from_code", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 exclude_patterns = ["schemas"]
 smartquotes = False  # they would turn --option into a dash
 nitpicky = True  # a broken reference is a warning, and warnings fail make docs
 nitpick_ignore_regex = [("py:.*", ".*")]  # types of other packages have no page here
 autodoc_member_order = "bysource"
+autodoc_typehints = "description"  # signatures are for reading
+autodoc_typehints_description_target = "documented"
+napoleon_google_docstring = False
 
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 3

@@ -11,6 +11,7 @@ from ground import _core
 from ground.effect_library.parameters import described
 from ground.support import errors, files, origin
 from ground.support.annotations import Array, Document, Path
+from ground.support.docstrings import Described, internal
 from ground.support.errors import GroundError, core_errors
 from ground.support.public import public
 from ground.support.results import Shown
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Parameter:
+class Parameter(Described):
     """An estimated parameter.
 
     >>> k = ground.fit(model_file, bag, free=["k"]).parameters["k"]
@@ -36,9 +37,9 @@ class Parameter:
     """
 
     name: str  #: "k", or "EFFECT.PARAMETER"
-    unit: str
+    unit: str  #: such as "N s/m"
     start: float  #: where the fit began
-    value: float
+    value: float  #: estimate
     ci95: Tuple[float, float]  #: 95% interval
     deviation: float  #: standard deviation
     at_bound: bool  #: whether it is at a bound; the data then prefer a value beyond
@@ -83,7 +84,7 @@ def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
     return pandas.DataFrame(rows, index=index, columns=columns)
 
 
-class Estimated:
+class Estimated(Described):
     """A result with estimated parameters, by the names that statsmodels gives them, too."""
 
     parameters: Dict[str, Parameter]
@@ -105,7 +106,7 @@ class Estimated:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class Fitted(Described):
     """How a model was fitted, as its file says.
 
     >>> ground.fit(model_file, bag, free=["k"]).model.fitted.recordings
@@ -113,10 +114,10 @@ class Fitted:
     """
 
     date: str  #: UTC, ISO 8601
-    command: str
+    command: str  #: command line
     recordings: Tuple[str, ...]  #: names of the files fitted to
     error_before: Dict[str, float]  #: by kind of runs: fit, heldout, holdout
-    error_after: Dict[str, float]
+    error_after: Dict[str, float]  #: likewise
     ci95: Dict[str, Tuple[float, float]]  #: 95% intervals by parameter
     not_identified: Tuple[str, ...]  #: parameters that the recordings did not determine
 
@@ -146,8 +147,23 @@ class Model(Shown):
 
     @classmethod
     def load(cls, path: Path) -> "Model":
-        """The model in a file, or one that comes with ground by its name, "tiny_whoover". GroundError names
-        file, line and key of what is wrong; an implausible value gives a GroundWarning."""
+        """Loads a model from a file, or one that comes with ground by its name.
+
+        Parameters
+        ----------
+        path : path
+            The file, or a name such as "tiny_whoover". A file of that name comes first.
+
+        Warns
+        -----
+        GroundWarning
+            For an implausible value.
+
+        Examples
+        --------
+        >>> Model.load("tiny_whoover").name
+        'Tiny Whoover'
+        """
         with core_errors():
             place = files.delivered(files.path_of(path, "a model"))
             core, doubts = _core.load_model_with_warnings(place)
@@ -157,11 +173,25 @@ class Model(Shown):
 
     @classmethod
     def parse(cls, text: str, source: str = "a text") -> "Model":
-        """The model in the text of a model file; `source` is named in errors (GroundError)."""
+        """Reads the text of a model file.
+
+        Parameters
+        ----------
+        text : str
+            What `format` gives.
+        source : str, default 'a text'
+            Named in errors.
+
+        Raises
+        ------
+        GroundError
+            Names line and key of what is wrong.
+        """
         with core_errors():
             return cls(_core.parse_model(text, source))
 
     @classmethod
+    @internal
     def of(cls, model: "ModelLike") -> "Model":
         """The model, loaded if it is a path."""
         return model if isinstance(model, Model) else cls.load(model)
@@ -233,12 +263,36 @@ class Model(Shown):
             raise UnknownParameter(str(error)) from error
 
     def unit(self, parameter: str) -> str:
-        """Unit of a parameter."""
+        """Unit of a parameter.
+
+        Parameters
+        ----------
+        parameter : str
+            Its name, as in `values`.
+
+        Raises
+        ------
+        GroundError
+            When there is no such parameter.
+        """
         self[parameter]  # raises for an unknown name
         return described(self.core)[parameter].unit
 
     def with_values(self, values: Mapping[str, float] = {}, **more: float) -> "Model":
-        """A copy with other values of parameters: {name: value}, name=value. GroundError on unknown names."""
+        """A copy with other values of parameters.
+
+        Parameters
+        ----------
+        values : mapping, optional
+            Values by name, in their units.
+        **more : float
+            Further ones, as name=value.
+
+        Raises
+        ------
+        GroundError
+            When there is no such parameter.
+        """
         core = self.core.copy()
         with core_errors():
             for name, value in {**values, **more}.items():
@@ -246,9 +300,20 @@ class Model(Shown):
         return _changed(core)
 
     def with_effect(self, effect: "EffectLike", **values: float) -> "Model":
-        """A copy with an effect: an Effect, a name of the library, a YAML file with one effect, or its
-        entry in a model file; values: of its parameters. Also `model + effect`. GroundError when
-        there is no such effect, or the model has it already."""
+        """A copy with an effect; also `model + effect`.
+
+        Parameters
+        ----------
+        effect : Effect, str, path or mapping
+            An effect, a name of the library, a YAML file with one effect, or its entry in a model file.
+        **values : float
+            Values of its parameters, in their units.
+
+        Raises
+        ------
+        GroundError
+            When there is no such effect, or the model has it already.
+        """
         from ground.effect_library.effects import Effect
 
         candidate = Effect.of(effect).candidate(self.core)
@@ -262,8 +327,18 @@ class Model(Shown):
         return self.without_effect(effect if isinstance(effect, str) else effect.name)
 
     def without_effect(self, name: str) -> "Model":
-        """A copy without an effect; also `model - name`. GroundError when the model has none of that
-        name."""
+        """A copy without an effect; also `model - name`.
+
+        Parameters
+        ----------
+        name : str
+            Name of the effect.
+
+        Raises
+        ------
+        GroundError
+            When the model has no effect of that name.
+        """
         if name not in self.effects:
             raise GroundError("%s has no effect %s" % (self.name, name))
         core = self.core.copy()
@@ -271,7 +346,7 @@ class Model(Shown):
         return _changed(core)
 
     def predict(self, recording: "Union[Recording, Path]", horizon: float = 1.5) -> "Prediction":
-        """What it predicts of a recording, sample by sample; see ground.predict."""
+        """Predicts a recording, sample by sample; see ground.predict."""
         made: Prediction = public("predict")(self, recording, horizon)
         return made
 
@@ -280,18 +355,30 @@ class Model(Shown):
         return str(self.core.format())
 
     def save(self, path: Path, force: bool = False) -> "Model":
-        """Writes its file; force: overwrites an existing one. Returns the model of that file.
-        GroundError when it cannot be written."""
+        """Writes its file."""
         files.write_text(os.fspath(path), self.format(), force)
         return Model(self.core, os.fspath(path))
 
     def export(self, path: Path, to: Optional[str] = None, force: bool = False) -> "ExportedModel":
         """Writes the model as code that needs no ground: a controller of your own can run it.
 
-        to: "numpy", "casadi" or "c"; by default NumPy for a path that ends in .py, C for .h and .c. The
-        code is compared with this model at 1000 random states. GroundError when it differs, an effect
-        cannot be written as formulas, or the file cannot be written; force: overwrites an existing one.
+        Parameters
+        ----------
+        to : {'numpy', 'casadi', 'c'}, optional
+            By default NumPy for a path that ends in .py, C for .h and .c.
 
+        Returns
+        -------
+        ExportedModel
+            What was written, and how far it differs from this model at 1000 random states.
+
+        Raises
+        ------
+        GroundError
+            When it differs, an effect cannot be written as formulas, or the file cannot be written.
+
+        Examples
+        --------
         >>> import tempfile
         >>> craft = Model.load(model_file).with_effect("motor_lag", tau=0.05)
         >>> written = craft.export(tempfile.mkdtemp() + "/craft.py")
@@ -330,7 +417,7 @@ def _changed(core: _core.Model) -> Model:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Room:
+class Room(Described):
     """The floor on which a craft may be, world_ned.
 
     >>> room = Room.load(room_file)
@@ -345,20 +432,21 @@ class Room:
 
     @classmethod
     def load(cls, path: Path) -> "Room":
-        """The room in a file. GroundError names file, line and key of what is wrong."""
+        """Loads a room from a file."""
         with core_errors():
             place = files.path_of(path, "a room")
             return cls(_core.load_room(place), place)
 
     @classmethod
+    @internal
     def of(cls, room: "RoomLike") -> "Room":
         """The room, loaded if it is a path."""
         return room if isinstance(room, Room) else cls.load(room)
 
     @classmethod
+    @internal
     def of_recording(cls, recording: "Recording") -> "Optional[Room]":
-        """The room that was recorded with a run; None without one. GroundError says what is wrong
-        with it."""
+        """The room that was recorded with a run; None without one. GroundError says what is wrong with it."""
         file = recording.files.get("room")
         if file is None:
             return None
@@ -386,7 +474,13 @@ class Room:
         return float(self.core.margin)
 
     def clearance(self, point: Tuple[float, float]) -> float:
-        """Distance of x, y [m] from the nearest wall [m], negative outside."""
+        """Distance of a point from the nearest wall [m], negative outside.
+
+        Parameters
+        ----------
+        point : (float, float)
+            x, y [m], world_ned.
+        """
         return float(self.core.clearance(np.array(point, float)))
 
     def __repr__(self) -> str:

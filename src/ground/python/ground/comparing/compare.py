@@ -39,12 +39,25 @@ def compare(
     progress: Progress = None,
     options: bag_arguments.Part,
 ) -> Comparison:
-    """Models against recordings: errors, and where they come from.
+    """Compares models with recordings: errors, and where they come from.
 
-    models: one or several, or {label: model}; recordings: recordings or bags. progress: called with a
-    ground.support.progress.Report at each step. GroundError when a file cannot be read, a model cannot be
-    simulated, or a run or model is given twice. Options, as keyword arguments or as bag_arguments.Part:
+    Parameters
+    ----------
+    models : Model, path, or several
+        One or several, or {label: model}.
 
+    Returns
+    -------
+    Comparison
+        Errors by run and model, and which model predicts best.
+
+    Raises
+    ------
+    GroundError
+        When a file cannot be read, a model cannot be simulated, or a run or model is given twice.
+
+    Examples
+    --------
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.compare([craft, craft.with_effect("yaw_bias", n0=2e-5)], bag)
     >>> print(found.best)  # this craft turns by itself

@@ -54,7 +54,7 @@ class Prediction(Shown, Plotted):
     """
 
     name: str  #: of the run
-    model: Model
+    model: Model  #: that predicts
     horizon: float  #: how far each prediction goes [s]; of a prediction to the end, the longest
     position_mm: float  #: rms error of the position at the horizon, over all starts [mm]
     heading_deg: float  #: rms error of the heading there [deg]
@@ -142,13 +142,29 @@ def predict(
     *,
     options: Part,
 ) -> Prediction:
-    """What a model predicts of a recording, sample by sample, and the error at the horizon.
+    """Predicts a recording by a model, sample by sample, with the error at the horizon.
 
-    recording: a recording or its file. horizon: how far each prediction goes [s]; infinite: from the
-    beginning to the end, or to the next gap. band: the share of the samples that a band is to hold, which
-    needs the parts of a fit: `Fit.predict` gives them. GroundError when the run is too short, or there are
-    several runs (compare takes these). Options, as keyword arguments or as Part:
+    Parameters
+    ----------
+    horizon : float, default 1.5
+        How far each prediction goes [s]; infinite: from the beginning to the end, or to the next gap.
+    band : float, optional
+        Share of the samples that a band is to hold, 0..1. It needs the parts of a fit.
+    parts : sequence, optional
+        Fits without a part of the runs, as `Fit.predict` gives them.
 
+    Raises
+    ------
+    GroundError
+        When the run is too short, or there are several runs (compare takes these).
+
+    Warns
+    -----
+    GroundWarning
+        When the run goes beyond the runs that the band is from.
+
+    Examples
+    --------
     >>> craft = ground.Model.load(model_file)
     >>> made = ground.predict(craft, bag)
     >>> better = craft.with_effect("yaw_bias", n0=2e-5).predict(bag, horizon=1.5)

@@ -18,6 +18,7 @@ from ground.data.read import Recordings, taken
 from ground.models import Model, ModelLike
 from ground.reading.recording import COMMAND, POSE, VELOCITY, unit
 from ground.support.annotations import Array, Indices
+from ground.support.docstrings import Described
 from ground.support.errors import GroundError, core_errors
 from ground.support.results import with_units
 
@@ -39,10 +40,27 @@ class PredictedMotion:
     predicted: Array  #: (n, 6)
 
 
-class Predictor:
-    """Recordings that are read, repaired and cut once, so that a prediction by another model of the craft
-    takes hundredths of a second.
+class Predictor(Described):
+    """Predicts the same recordings by many models, each in hundredths of a second.
 
+    The recordings are read, repaired and cut once. Times are on the run's clock.
+
+    Parameters
+    ----------
+    model : Model or path
+        A model of the craft.
+    recordings : Recording, path, or several
+        Recordings or bags.
+    horizon : float, optional
+        How far predictions go [s]; by default what suits the craft.
+
+    Raises
+    ------
+    GroundError
+        When no run is long enough.
+
+    Examples
+    --------
     >>> craft = ground.Model.load(model_file)
     >>> ready = ground.Predictor(craft, bag)
     >>> ready.names, ready.horizon  # [s]
@@ -72,12 +90,12 @@ class Predictor:
         return [run.name for run in self.recordings]
 
     def error(self, model: Model) -> PoseError:
-        """How far the predicted poses are off at the horizon, over all runs; as `ground.fit` says it."""
+        """How far the predicted poses are off at the horizon, over all runs; as ground.fit has it."""
         chosen = self._starts.windows
         return PoseError.of(self._starts.errors(self.runs, [model.core] * len(chosen)))
 
     def noise(self, model: Model) -> PoseError:
-        """What of that the noise of the poses alone would leave if the model were true."""
+        """The part of the error that the noise of the poses alone would leave if the model were true."""
         with core_errors():
             errors = horizons.artificial_errors(
                 self.runs, self._starts.windows, self.horizon, model.core, None
@@ -85,7 +103,13 @@ class Predictor:
         return PoseError.of(errors)
 
     def motion(self, model: Model, run: str, start: float = 0.0, end: float = np.inf) -> PredictedMotion:
-        """What is measured and predicted of a part of a run, on the run's clock [s]."""
+        """What is measured and predicted of a part of a run.
+
+        Returns
+        -------
+        PredictedMotion
+            Arrays `times`, `start`, `measured` and `predicted`, as a Prediction has them.
+        """
         key = self._index(run), float(start), float(end)
         if key not in self._shapes:
             if len(self._shapes) > MOST_PARTS:
@@ -95,17 +119,25 @@ class Predictor:
         return PredictedMotion(shape.times, shape.start, shape.measured, shape.predicted(model.core))
 
     def measured(self, run: str = "", start: float = 0.0, end: float = np.inf) -> "pandas.DataFrame":
-        """What is measured of a part of a run (of the first by default), on the run's clock [s]: columns as
-        Recording.to_frame has them."""
+        """What is measured of a part of a run: columns as Recording.to_frame has them."""
         part = self._part(run, start, end)
         return self._frame(run, np.array(part.times), np.array(part.eta), np.array(part.nu))
 
     def missing(
         self, model: Model, run: str = "", start: float = 0.0, end: float = np.inf
     ) -> "pandas.DataFrame":
-        """The force and moment that the model misses along a part of a run, without collisions: the columns
-        of `measured`, and X, Y [N], N [N m] (body) with their standard deviations X_sigma ...
-        `Model.full_thrust` is their scale."""
+        """The missing force and moment along a part of a run, without collisions.
+
+        Parameters
+        ----------
+        model : Model
+            The model that they are missing in. Its `full_thrust` is their scale.
+
+        Returns
+        -------
+        DataFrame
+            The columns of `measured`, and X, Y [N], N [N m] (body) with standard deviations X_sigma ...
+        """
         part = thinning.thinned(self._part(run, start, end))
         count = 1 + len(part.times) // MOST_SAMPLES
         if count > 1:

@@ -18,6 +18,7 @@ from ground.reports.inspection import Inspection
 from ground.reports.words import number
 from ground.support import files, records
 from ground.support.annotations import Document, Path
+from ground.support.docstrings import internal
 from ground.support.errors import GroundError
 from ground.support.headline import Line
 from ground.support.results import Plotted, Shown, distinct_labels
@@ -36,6 +37,7 @@ Files = Mapping[str, str]  # CSV files of one run, by model
 class _Frame(Shown):
     """Errors as a table."""
 
+    @internal
     def rows(self) -> Iterator[Sequence[Any]]:
         """Run, model, role and numbers."""
         raise NotImplementedError
@@ -122,7 +124,7 @@ class RunComparison(_Frame):
         return {one.label: one.summary for one in self.models}
 
     def to_dict(self, files: Optional[Files] = None) -> Dict[str, object]:
-        """Plain values, as compare.json has them; files: the run's files."""
+        """Plain values, as compare.json has them."""
         return {
             "name": self.name,
             "bag": self.bag,
@@ -164,10 +166,10 @@ class Comparison(_Frame, Plotted):
     """
 
     models: Dict[str, Model]  #: by label
-    runs: List[RunComparison]
+    runs: List[RunComparison]  #: one for each recording
     #: by label, then by runs (all, fit, held_out): error numbers, with the keys of RunComparison.numbers
     pooled: Dict[str, Document]
-    ranking: Ranking
+    ranking: Ranking  #: the models by their error, the best first
     noise_floor: float  #: error that the noise of the poses alone would leave on the ranking's runs
     prediction: Optional[PredictionError]  #: of poses, on the ranking's runs; None: they are too short
 
@@ -200,7 +202,7 @@ class Comparison(_Frame, Plotted):
             yield from run.table()
 
     def to_dict(self, files: Optional[Sequence[Optional[Files]]] = None) -> Dict[str, object]:
-        """Plain values, as compare.json has them; files: the files of each run."""
+        """Plain values, as compare.json has them."""
         named: List[Optional[Files]] = [None] * len(self.runs)
         return {
             "schema": SCHEMA,
@@ -221,6 +223,7 @@ class Comparison(_Frame, Plotted):
         }
 
     @classmethod
+    @internal
     def load(cls, folder: Path) -> "Comparison":
         """The comparison that `save` wrote into a folder: models, numbers and sentences. GroundError when
         there is none."""
@@ -244,9 +247,11 @@ class Comparison(_Frame, Plotted):
         return cls(models, runs, document["pooled"], ranking, document["noise_floor"], off)
 
     def to_mat(self, path: Path, force: bool = False) -> None:
-        """Writes a file for MATLAB and Octave: structs `models`, `parameters` and `runs` with what was
-        measured and what each model predicts; its text `about` has units and frames. GroundError when the
-        file cannot be written."""
+        """Writes a file for MATLAB and Octave.
+
+        It has structs `models`, `parameters` and `runs` with what was measured and what each model predicts;
+        its text `about` has units and frames.
+        """
         studied = [
             matlab.Study(run.inspections[0].run, {s.label: s.evaluation for s in run.inspections})
             for run in self.runs
@@ -254,9 +259,23 @@ class Comparison(_Frame, Plotted):
         matlab.write(path, self.models, studied, force)
 
     def save(self, folder: Path, page: bool = True, force: bool = False) -> str:
-        """Writes compare.json and, for every run, the missing wrench as CSV; with `page` also
-        report.html. Returns the path of the page, or of the JSON. Files of an older comparison in the
-        folder go. GroundError when a file cannot be written, or exists and `force` is not set."""
+        """Writes compare.json, for every run the missing wrench as CSV, and a page.
+
+        Parameters
+        ----------
+        page : bool, default True
+            Write report.html.
+
+        Returns
+        -------
+        str
+            Path of the page, or of the JSON.
+
+        Raises
+        ------
+        GroundError
+            When a file cannot be written, or the comparison was loaded.
+        """
         recordings = [run.recording for run in self.runs if run.recording is not None]
         if len(recordings) < len(self.runs):
             raise GroundError("this comparison was loaded: the folder that it was saved in has all of it")

@@ -16,6 +16,7 @@ from ground.simulation import laws, listing, tracking
 from ground.support import command_line, files
 from ground.support.annotations import Document, Path, Setting
 from ground.support.command_line import count, option, positive, seconds, seed
+from ground.support.docstrings import internal
 from ground.support.errors import GroundError, OptionError, core_errors
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
@@ -57,8 +58,8 @@ class Tracking(Shown, Plotted):
     True
     """
 
-    controller: str
-    reference: str
+    controller: str  #: its kind
+    reference: str  #: its kind, or file
     runs: List[Track]  #: a run from each start
     #: medians over the runs: rms, max, final, after_stop_max [m], saturated_fraction, effort,
     #: wanted_outside, wanted_largest, compute_ms (median, p999, max), rms_quantiles (p05, p95); stopped
@@ -70,7 +71,7 @@ class Tracking(Shown, Plotted):
     remark: str  #: how the controller uses the model's effects; empty when nothing is odd
     effects: Dict[str, List[str]]  #: effects that the controller has used and unused
     gains: Dict[str, Setting]  #: parameters of the controller by name
-    seed: Optional[int]
+    seed: Optional[int]  #: of noise and starts
     noise: Optional[bool] = None  #: whether the mocap had noise; None: not recorded
 
     @property
@@ -102,14 +103,14 @@ class Tracking(Shown, Plotted):
         }
 
     def save(self, path: Path, force: bool = False) -> str:
-        """Writes a JSON file, which `load` reads; returns its path. GroundError when it exists and `force` is
-        not set."""
+        """Writes a JSON file, which `load` reads."""
         place = os.fspath(path)
         runs = [{k: v.tolist() if k in COLUMNS else v for k, v in vars(run).items()} for run in self.runs]
         files.write_json(place, {"schema": SCHEMA, **vars(self), "runs": runs}, force)
         return place
 
     @classmethod
+    @internal
     def load(cls, path: Path) -> "Tracking":
         """The result that `save` wrote. GroundError when it cannot be read."""
         folder, name = os.path.split(os.path.abspath(os.fspath(path)))
@@ -257,15 +258,27 @@ def track(
     options: _TrackOptions,
     **settings: Any,
 ) -> Tracking:
-    """A controller that follows a reference in closed loop with a simulated craft, without ROS.
+    """Follows a reference with a controller, in closed loop with a simulated craft and without ROS.
 
-    model: the controller's model. reference: its kind, or a CSV file. gains may also be names and values,
-    and perturb {name: factor}. settings: further parameters of the reference, such as x, y, end_x, end_y
-    [m]. controller may also be a function: from a measured state (eta, nu), the reference (p, p_dot, p_ddot,
-    p_dddot) and the time since it began [s] to the inputs of the thrusters, 0..1. GroundError when something
-    does not exist, the motion is not finite, or that function fails. Options, as keyword arguments or as
-    TrackOptions:
+    A `controller` of your own is a function of a measured state (eta, nu), the reference (p, p_dot, p_ddot,
+    p_dddot) and the time since it began [s], and gives the inputs of the thrusters, 0..1.
 
+    Parameters
+    ----------
+    model : Model or path
+        The controller's model.
+    reference : str or path, default 'circle'
+        Kind of the reference, or a CSV file.
+    **settings
+        Further parameters of the reference, such as x, y, end_x, end_y [m].
+
+    Raises
+    ------
+    GroundError
+        When something does not exist, the motion is not finite, or the function of your own fails.
+
+    Examples
+    --------
     >>> found = ground.track(model_file, "circle", gains=gains_file, end_time=30, settled=20)
     >>> found.stopped, found.rms < 0.03  # [m]
     (False, True)

@@ -48,21 +48,21 @@ class ReadingOptions:
     pose_topic: Optional[str] = option(None, "topic of the poses", metavar="TOPIC")
     command_topic: Optional[str] = option(None, "topic of the commands", metavar="TOPIC")
     namespace: Optional[str] = option(
-        None, "of the craft's topics, where a bag has several crafts", metavar="NAME"
+        None, "namespace of the craft's topics, where a bag has several crafts", metavar="NAME"
     )
     body: Optional[str] = option(
         None, "child frame, or part of the topic's name, of the craft", metavar="NAME"
     )
     noise: Optional[Tuple[float, float]] = option(
         None,
-        "standard deviations of positions [m] and headings [rad] (of the scatter of the poses)",
+        "standard deviations of positions [m] and headings [rad] (found from the scatter of the poses)",
         type=positive,
         nargs=2,
         metavar=("M", "RAD"),
     )
     frame_rate: Optional[float] = option(
         None,
-        "of the mocap's camera, if the stamps are late [Hz] (of stamps and motion)",
+        "frame rate of the mocap's camera [Hz], if the stamps are late (found from stamps and motion)",
         type=positive,
         metavar="HZ",
     )
@@ -82,16 +82,34 @@ class ReadingOptions:
 
 
 @takes(ReadingOptions)
-def read(bags: Union[Path, Iterable[Path]], options: ReadingOptions) -> Tuple[Recording, ...]:
-    """The recordings in bags of ROS 1 and 2, MCAP files and tables.
+def read(bags: Union[Path, Iterable[Path]], *, options: ReadingOptions) -> Tuple[Recording, ...]:
+    """Reads the recordings in bags of ROS 1 and 2, MCAP files and tables.
 
-    bags: a path or several; a folder stands for the bags in it, and a pattern (``flights/*.bag``) for those
-    that match it. mapping: a mapping file, or its content.
     Where a mapping is needed and none is given, one is drafted. If file and motion leave nothing of it to
     decide, it is used, and `mapping` of the recordings has its text; else GroundError has the open lines.
-    Runs of the same name get the names of their folders in front. GroundError when a bag cannot be read or is
-    given twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
+    Parameters
+    ----------
+    bags : path or iterable of path
+        A folder stands for the bags in it, and a pattern (``flights/*.bag``) for those that match it.
+
+    Returns
+    -------
+    tuple of Recording
+        Runs of the same name get the names of their folders in front.
+
+    Raises
+    ------
+    GroundError
+        When a bag cannot be read or is given twice, also as a copy.
+
+    Warns
+    -----
+    GroundWarning
+        For anything odd in a bag.
+
+    Examples
+    --------
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
     ('run', 3, 3)

@@ -72,17 +72,33 @@ def diagnose(
     progress: Progress = None,
     options: DiagnoseOptions,
 ) -> Diagnosis:
-    """Which physical effects are missing in a model, with evidence, and the model with them.
+    """Finds the physical effects that are missing in a model, with evidence.
 
-    recordings, holdout: recordings or bags to fit to and to test on; holdout judges what is found
-    and decides nothing. Without it, parts of recordings are held out. told: called with each line of the
-    verdict as soon as it is known. tried: called during the search, whenever more is known of single effects,
-    with what is: dictionaries as in `Diagnosis.tried`, the best first, and `prediction`, how far predicted
-    poses are off with the effect. An exception that it raises ends the search. progress: called
-    with a ground.support.progress.Report at each step. GroundError when a file cannot be read,
-    there is no such effect or the recordings are too short. Options, as keyword arguments or as
-    DiagnoseOptions:
+    Parameters
+    ----------
+    model : Model or path
+        The model to look into.
+    holdout : Recording, path, or several, optional
+        Judges what is found and decides nothing. Without it, parts of recordings are held out.
+    told : callable, optional
+        Called with each line of the verdict as soon as it is known.
+    tried : callable, optional
+        Called during the search, whenever more is known of single effects, with dictionaries as in
+        `Diagnosis.tried`, the best first, and `prediction`, how far predicted poses are off with the effect.
+        An exception that it raises ends the search.
 
+    Returns
+    -------
+    Diagnosis
+        The verdict, the effects, and the model with them.
+
+    Raises
+    ------
+    GroundError
+        When a file cannot be read, there is no such effect, or the recordings are too short.
+
+    Examples
+    --------
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "quadratic_drag"])
     >>> found.verdict, found.effects  # this craft turns by itself
     ('missing', ('yaw_bias',))

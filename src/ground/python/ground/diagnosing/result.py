@@ -17,6 +17,7 @@ from ground.models import Estimated, Model, Parameter
 from ground.reports import result_folder
 from ground.support import files, records
 from ground.support.annotations import Array, Document, Path
+from ground.support.docstrings import internal
 from ground.support.errors import GroundError
 from ground.support.headline import Line
 from ground.support.results import Plotted, Shown
@@ -38,7 +39,9 @@ class Diagnosis(Shown, Plotted, Estimated):
     >>> again = ground.load("diagnosis")
     >>> again.effects, again.improved == found.improved, again.error == found.error
     (('yaw_bias',), True, True)
-    >>> round(found.aic + 2 * found.llf) == 2 * len(found.params)
+    >>> round(found.aic + 2 * found.llf) == 2 * len(found.params), found.bic > found.aic
+    (True, True)
+    >>> "95%" in found.to_frame().loc["yaw_bias", "estimates"]
     True
     """
 
@@ -54,6 +57,7 @@ class Diagnosis(Shown, Plotted, Estimated):
     drawn: Optional[Drawn]  #: what its page draws; None when it was loaded
 
     @classmethod
+    @internal
     def of(
         cls,
         found: DiagnosisReport,
@@ -161,6 +165,7 @@ class Diagnosis(Shown, Plotted, Estimated):
         return frame
 
     @classmethod
+    @internal
     def load(cls, folder: Path) -> "Diagnosis":
         """The diagnosis that `save` wrote into a folder, but for what its page draws. GroundError when there
         is none."""
@@ -171,10 +176,17 @@ class Diagnosis(Shown, Plotted, Estimated):
         return cls.of(found, model, rows)
 
     def to_mat(self, path: Path, force: bool = False) -> None:
-        """Writes a file for MATLAB and Octave: structs `models`, `parameters` and `runs` with what was
-        measured and what the models "refitted" (without the effects) and "improved" predict, and `effects`
-        with those tried; its text `about` has units and frames. GroundError when the file cannot be written,
-        or the diagnosis was loaded."""
+        """Writes a file for MATLAB and Octave.
+
+        It has structs `models`, `parameters` and `runs` with what was measured and what the models "refitted"
+        (without the effects) and "improved" predict, and `effects` with those tried; its text `about` has
+        units and frames.
+
+        Raises
+        ------
+        GroundError
+            When the file cannot be written, or the diagnosis was loaded.
+        """
         from ground.reports import matlab
 
         if self.drawn is None:
@@ -186,9 +198,19 @@ class Diagnosis(Shown, Plotted, Estimated):
         matlab.write(path, models, studied, force, verdict=self.verdict, effects=rows)
 
     def save(self, folder: Path, force: bool = False) -> List[str]:
-        """Writes diagnosis.json, improved.yaml, the page report.html and, where there are any,
-        proposal.yaml and next_experiment.csv. Returns their paths. Files of an older diagnosis in the
-        folder go. GroundError when a file cannot be written, or exists and `force` is not set."""
+        """Writes diagnosis.json, improved.yaml, report.html and, where there are any, proposal.yaml and
+        next_experiment.csv.
+
+        Returns
+        -------
+        list of str
+            Paths of the files.
+
+        Raises
+        ------
+        GroundError
+            When a file cannot be written, or the diagnosis was loaded.
+        """
         from ground.diagnosing import page
 
         if self.drawn is None:

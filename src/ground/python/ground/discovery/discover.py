@@ -17,6 +17,7 @@ from ground.simulation import simulate as simulating
 from ground.support import command_line
 from ground.support.annotations import Path
 from ground.support.command_line import option, seed
+from ground.support.docstrings import internal
 from ground.support.errors import GroundError, OptionError
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
@@ -52,7 +53,7 @@ class DiscoverOptions(simulating.Acting, simulating.Mocap):
         metavar="S",
     )
     seed: int = option(
-        1, "for the mocap's noise and losses, the disturbance, and the inputs (%(default)s)", type=seed
+        1, "seed of the mocap's noise and losses, the disturbance, and the inputs (%(default)s)", type=seed
     )
     track: bool = option(
         True,
@@ -83,6 +84,7 @@ class Discovery(Shown, Plotted):
     page: str  #: path of report.html; empty without a folder
 
     @classmethod
+    @internal
     def of(cls, story: Story, model: Model, page: str = "") -> "Discovery":
         """The result of a story; model: its newest; page: path of report.html."""
         last = story.findings[-1] if story.findings else None
@@ -99,6 +101,7 @@ class Discovery(Shown, Plotted):
         )
 
     @classmethod
+    @internal
     def load(cls, folder: Path) -> "Discovery":
         """What the discovery of a folder has found so far. GroundError when there is none."""
         place = os.path.abspath(os.fspath(folder))
@@ -143,16 +146,32 @@ def discover(
     progress: Progress = None,
     options: DiscoverOptions,
 ) -> Discovery:
-    """A simulated craft finds its own physics: it flies, is diagnosed, chooses the flight that tells
-    most about what is still open, and flies again, until no question is left.
+    """Lets a simulated craft find its own physics.
 
-    model: what is known of the craft; truth: the model by which it moves. folder: keeps recordings,
-    models, journal.json and the page report.html after each step; the discovery of a folder is
-    continued. trim differs from flight to flight. told: called with the Story at each change; progress:
-    called with a ground.support.progress.Report at each step. OptionError when an option is wrong,
-    GroundError when the craft cannot fly, or the folder is not from a
-    discovery of this model. Options, as keyword arguments or as DiscoverOptions:
+    It flies, is diagnosed, chooses the flight that is expected to tell most about what is still open, and
+    flies again, until no question is left. `trim` differs from flight to flight.
 
+    Parameters
+    ----------
+    model : Model or path
+        What is known of the craft.
+    truth : Model or path
+        The model by which it moves.
+    folder : path, optional
+        Keeps recordings, models, journal.json and the page report.html after each step. The discovery of a
+        folder is continued.
+    told : callable, optional
+        Called with the Story at each change.
+
+    Raises
+    ------
+    OptionError
+        When an option is wrong.
+    GroundError
+        When the craft cannot fly, or the folder is not from a discovery of this model.
+
+    Examples
+    --------
     >>> craft = ground.Model.load(model_file).with_effect("yaw_bias", n0=1e-4)
     >>> found = ground.discover(model_file, craft, budget=60, track=False)
     >>> found.verdict, found.effects

@@ -12,6 +12,7 @@ from ground.effect_library.candidates import Candidate
 from ground.support import files
 from ground.support.annotations import Document, Path
 from ground.support.bounded_yaml import LOADER
+from ground.support.docstrings import Described, complete, internal
 from ground.support.errors import GroundError
 from ground.support.results import Shown
 
@@ -22,37 +23,52 @@ MAX_LISTED = 4  # parameters that a table lists
 
 
 @dataclass(frozen=True)
-class EffectParameter:
+class EffectParameter(Described):
     """A parameter of an effect.
 
     >>> ground.Effect("wind", wx=0.1).parameters["wx"]
     EffectParameter(unit='m/s', value=0.1, neutral=0.0, meaning='velocity along world x')
     """
 
-    unit: str
+    unit: str  #: such as "N s/m"
     value: float  #: at which a fit begins
     neutral: float  #: value at which the effect does nothing
-    meaning: str = ""
+    meaning: str = ""  #: in words
 
 
 class Effect(Shown):
-    """An effect that acts on a craft: one of the library by name, or one of your own. `model + effect` is
-    the model with it; fit, add, diagnose, simulate and model files take all kinds of effects.
+    """An effect that acts on a craft: one of the library by name, or one of your own.
 
-    name: in models and reports. X, Y [N], N [N m]: formulas of u, v, r, x, y, psi, u_L, u_R, lift, t, pi, the
-    parameters and the states (docs: An effect in YAML). frame: "body" or "world", of X and Y.
-    states: by name, formulas of their derivatives. thrust: by thruster (L, R or its name), formulas of
-    forces added to it [N]. parameters: of the library's effects, their values; of formulas, (value, unit),
-    (value, unit, lower, upper), or the keys of a model file; the effect must do nothing at the neutral
-    value, 0 by default.
+    `model + effect` is the model with it; fit, add, diagnose, simulate and model files take all kinds of
+    effects.
 
-    force: a Python function in place of formulas, of `state` (u, v, r, x, y, psi, t and the effect's
-    states), `inputs` (left, right, lift, or u_NAME of a thruster) and the parameters by name; it
-    returns X, Y, N, or a dict of components. It is called once, with symbols, and becomes a formula; so
-    everything works with it that works with formulas. It may use arithmetic, comparisons, numpy's
-    functions of numbers, numpy.where and numpy.interp, and must not use `if` or `math`. GroundError
-    says what is wrong.
+    A force of your own is a Python function of `state` (u, v, r, x, y, psi, t and the effect's states),
+    `inputs` (left, right, lift, or u_NAME of a thruster) and the parameters by name; it returns X, Y, N, or
+    a dict of components. It is called once, with symbols, and becomes a formula; so everything works with it
+    that works with formulas. It may use arithmetic, comparisons, numpy's functions of numbers, numpy.where
+    and numpy.interp, and must not use `if` or `math`.
 
+    Parameters
+    ----------
+    name : str
+        Name in models and reports.
+    X, Y, N : str, optional
+        Formulas [N, N, N m] of u, v, r, x, y, psi, u_L, u_R, lift, t, pi, the parameters and the states
+        (docs: An effect in YAML).
+    force : callable, optional
+        A Python function in place of formulas.
+    frame : {'body', 'world'}
+        Frame of X and Y.
+    states : mapping, optional
+        Formulas of the derivatives of states, by name.
+    thrust : mapping, optional
+        Formulas of forces added to thrusters [N], by thruster (L, R or its name).
+    **parameters
+        Of the library's effects, their values; of formulas, (value, unit), (value, unit, lower, upper), or
+        the keys of a model file. The effect must do nothing at the neutral value, 0 by default.
+
+    Examples
+    --------
     >>> waves = ground.Effect("washboard", X="a*sin(2*pi*x/0.3)", a=(0.01, "N"))
     >>> craft = ground.Model.load(model_file) + waves + ground.Effect("wind", wx=0.1)
     >>> craft.effects, craft["washboard.a"], (craft - "wind").effects
@@ -99,7 +115,7 @@ class Effect(Shown):
 
     @classmethod
     def load(cls, path: Path) -> "Effect":
-        """The effect in a YAML file, listed as in a model file. GroundError names file and line."""
+        """Loads an effect from a YAML file, listed as in a model file."""
         place = os.fspath(path)
         text = candidates.text_of(place)
         try:
@@ -117,10 +133,25 @@ class Effect(Shown):
     def of_formulas(
         cls, X: str = "", Y: str = "", N: str = "", *, name: str = "formula", thrusters: Sequence[str] = ()
     ) -> "Effect":
-        """An effect of formulas alone: names that are no variables become parameters that a fit finds, with
-        the units of what they multiply ("-" where that is not enough). thrusters: names of a craft's other
-        than L, R. GroundError says what is no formula, or where units differ.
+        """An effect of formulas alone: names that are no variables become parameters that a fit finds.
 
+        Parameters
+        ----------
+        X, Y, N : str, optional
+            Formulas [N, N, N m]. Parameters get the units of what they multiply ("-" where that is not
+            enough).
+        name : str, default 'formula'
+            Name in models and reports.
+        thrusters : sequence of str, optional
+            Names of the craft's thrusters other than L, R.
+
+        Raises
+        ------
+        GroundError
+            Says what is no formula, or where units differ.
+
+        Examples
+        --------
         >>> turn = ground.Effect.of_formulas(Y="a*abs(u)*v")
         >>> turn.parameters["a"].unit
         'N s2/m2'
@@ -137,6 +168,7 @@ class Effect(Shown):
         return cls.of({"name": name, "expression": formulas, "parameters": described})
 
     @classmethod
+    @internal
     def of(cls, effect: "EffectLike") -> "Effect":
         """The effect of a name, a path of a YAML file, or an entry of a model file."""
         if isinstance(effect, Effect):
@@ -181,6 +213,7 @@ class Effect(Shown):
             for p in candidates.effects().get(self.name, {"parameters": []})["parameters"]
         }
 
+    @internal
     def candidate(self, model: _core.Model) -> Candidate:
         """The Candidate that a diagnosis of a model tries. GroundError when it does not go with the model."""
         if self.text:
@@ -195,8 +228,7 @@ class Effect(Shown):
         return candidates.from_entry(entry, "effect %s" % self.name, model)
 
     def save(self, path: Path, force: bool = False) -> None:
-        """Writes it as a YAML file that --effects takes. GroundError when that exists and `force` is not
-        set."""
+        """Writes it as a YAML file that --effects takes."""
         files.write_yaml(os.fspath(path), self.entry, force)
 
     def to_frame(self) -> "pandas.DataFrame":
@@ -248,11 +280,15 @@ class Effects(Shown, List[Effect]):
             yield "%-24s %s: %s" % (name, row["meaning"], row["parameters"])
 
 
+@complete
 def effects() -> Effects:
-    """The effects of the library, with meaning and parameters. A diagnosis tries all but those that it is
-    asked for (`effects=` of ground.diagnose). Crafts that list their thrusters have effects of single ones
-    as well, such as thruster_gain_NAME.
+    """Lists the effects of the library, with meaning and parameters.
 
+    A diagnosis tries all but those that it is asked for (`effects=` of ground.diagnose). Crafts that list
+    their thrusters have effects of single ones as well, such as thruster_gain_NAME.
+
+    Examples
+    --------
     >>> known = ground.effects()
     >>> known.to_frame().loc["motor_lag", "parameters"]
     'tau [s]'

@@ -44,7 +44,7 @@ class ExportedModel(Shown):
     ('numpy', ['x', 'y', 'psi', 'u', 'v', 'r'])
     """
 
-    path: str
+    path: str  #: of the file
     to: str  #: numpy, casadi or c
     states: List[str]  #: names of the numbers of a state
     inputs: List[str]  #: names of its inputs

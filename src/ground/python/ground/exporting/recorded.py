@@ -18,6 +18,7 @@ from ground.poses import repair
 from ground.reading.recording import Recording
 from ground.support import files
 from ground.support.annotations import Array, Indices, Path
+from ground.support.docstrings import complete
 from ground.support.errors import GroundError
 from ground.support.headline import Line
 from ground.support.results import Shown, distinct_labels
@@ -41,7 +42,7 @@ class ExportedRun(Shown):
     (['/commands', '/log', '/model/accuracy'], ['tiny_whoover'])
     """
 
-    path: str
+    path: str  #: of the file
     name: str  #: of the run
     duration: float  #: [s]
     models: List[str]  #: labels of the models, in the order of the channels /model and /model2
@@ -77,6 +78,7 @@ class ChannelWriter(NamedTuple):
     write: Callable[[int, int], None]  # takes a time [ns] and its index
 
 
+@complete
 def to_mcap(
     recording: "Union[Recording, Path]",
     path: Path,
@@ -84,13 +86,24 @@ def to_mcap(
     horizon: float = 1.5,
     force: bool = False,
 ) -> ExportedRun:
-    """Writes a run to an MCAP file, for Foxglove and other viewers: poses as measured, the state, the
-    commands, and of each model what it predicts, how far that is off, and the missing force; the room.
+    """Writes a run to an MCAP file, for Foxglove and other viewers.
 
-    recording: one, or its file. models: at most two. horizon: how far they predict [s]. GroundError when
-    there are more, a model cannot predict the run, foxglove-sdk is not installed, or the file cannot be
-    written; force: overwrites an existing one.
+    It has poses as measured, the state, the commands and the room; of each model what it predicts, how far
+    that is off, and the missing force.
 
+    Parameters
+    ----------
+    models : iterable of Model or path, optional
+        At most two.
+
+    Raises
+    ------
+    GroundError
+        When there are more models, a model cannot predict the run, foxglove-sdk is not installed, or the file
+        cannot be written.
+
+    Examples
+    --------
     >>> import tempfile
     >>> print(ground.to_mcap(bag, tempfile.mkdtemp() + "/run.mcap", [model_file], horizon=1.0).models)
     ['tiny_whoover']

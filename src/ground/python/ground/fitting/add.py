@@ -61,18 +61,17 @@ class Addition(Shown, Estimated):
     ('yaw_bias', ('yaw_bias',), True)
     """
 
-    effect: str
+    effect: str  #: name of the added one
     model: Model  #: with the effect
     parameters: Dict[str, Parameter]  #: parameters of the model with the effect, by name
     parameters_before: Dict[str, Parameter]  #: parameters of the model without it
     error: Dict[str, Change]  #: by kind of runs: fit, heldout, and holdout where some were given
-    prediction: Optional[
-        PredictionError
-    ]  #: without the effect and with it, on held-out data; None: too short
+    #: without the effect and with it, on held-out data; None: too short
+    prediction: Optional[PredictionError]
     noise_floor: float  #: error that the noise of the poses alone would leave
     folds: str  #: what was held out
     window: float  #: length of the windows of the error [s]
-    verdict: Verdict
+    verdict: Verdict  #: whether the effect helps, and why
 
     def to_dict(self) -> Dict[str, object]:
         """Plain values, as `identify add --json` prints them."""
@@ -146,14 +145,30 @@ def add(
     progress: Progress = None,
     options: AddOptions,
 ) -> Addition:
-    """Adds an effect to a model. The models with and without it are fitted to the recordings, and to
-    all but a part of them.
+    """Adds an effect to a model, and says whether it helps.
 
-    effect: an Effect, a name of the library, or a YAML file with one effect as model files have it.
-    recordings, holdout: recordings or bags to fit to and to test on. progress: called with a
-    ground.support.progress.Report at each step. GroundError when there is no such effect, or the
-    recordings are too short or look misread (swapped channels, wrong signs, units or clocks). Options:
+    The models with and without it are fitted to the recordings, and to all but a part of them.
 
+    Parameters
+    ----------
+    model : Model or path
+        The model without the effect.
+    effect : Effect, str, path or mapping
+        An effect, a name of the library, or a YAML file with one effect or its content.
+
+    Returns
+    -------
+    Addition
+        The model with the effect, the errors without it and with it, and the verdict.
+
+    Raises
+    ------
+    GroundError
+        When there is no such effect, or the recordings are too short or look misread (swapped channels,
+        wrong signs, units or clocks).
+
+    Examples
+    --------
     >>> found = ground.add(model_file, "yaw_bias", bag)  # this craft turns by itself
     >>> low, high = found.parameters["yaw_bias.n0"].ci95
     >>> low < 2e-5 < high  # [N m], the moment that turns it

@@ -96,13 +96,30 @@ def fit(
     progress: Progress = None,
     options: FitOptions,
 ) -> Fit:
-    """A model's parameters, fitted to recordings by simulation error.
+    """Fits a model's parameters to recordings, by simulation error.
 
-    model: with the start values. recordings, holdout: recordings or bags to fit to and to test on.
-    progress: called with a ground.support.progress.Report at each step. GroundError when a file cannot be
-    read, a parameter does not exist or there is nothing to fit to. Options, as keyword arguments or as
-    FitOptions:
+    Parameters
+    ----------
+    model : Model or path
+        The model with the start values.
 
+    Returns
+    -------
+    Fit
+        The fitted model, its parameters with intervals, and errors.
+
+    Raises
+    ------
+    GroundError
+        When a file cannot be read, a parameter does not exist, or there is nothing to fit to.
+
+    Warns
+    -----
+    GroundWarning
+        When the fit has not converged, or the commands depend on the motion.
+
+    Examples
+    --------
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.fit(craft.with_values({"k": 0.09}), bag, free=["k", "N_r"])
     >>> low, high = found.parameters["k"].ci95

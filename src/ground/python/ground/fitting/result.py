@@ -91,24 +91,27 @@ class Fit(Shown, Plotted, Estimated):
     (True, True)
     >>> "95% interval" in found.summary()
     True
+    >>> found.aic  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    ground.support.errors.GroundError: a fit minimises a simulation error and has no likelihood; ...
     >>> found.predict(bag).position_mm < 100  # after 1.5 s
     True
     """
 
     model: Model  #: fitted
     parameters: Dict[str, Parameter]  #: the free parameters, by name
-    error: Errors
-    prediction: Optional[
-        PredictionError
-    ]  #: of the models given and fitted, on held-out data; None: too short
-    thesis_objective: ThesisObjective
+    error: Errors  #: of the start values, of the fit, and held out
+    #: of the models given and fitted, on held-out data; None: too short
+    prediction: Optional[PredictionError]
+    thesis_objective: ThesisObjective  #: (3.4) of the start values and of the fit
     objective: float  #: the minimised value
     starts: Dict[str, int]  #: number of starts tried, and that reached this optimum (at_best)
     condition: float  #: condition number of the scaled information matrix
     #: combinations of parameters that are known better than their parts: parameters (two names), known_as
     #: ("a/b" or "a*b"), deviation of that and deviations of the two, relative, and their ratio, strength
     weak: List[Document]
-    converged: bool
+    converged: bool  #: whether the search came to an end
     runs: List[RunFit]  #: fits to each run; empty for a single run
     same_inputs: List[Tuple[str, str]]  #: runs that were driven by the same commands
     remarks: List[str]  #: sentences on what is not identifiable
@@ -127,18 +130,44 @@ class Fit(Shown, Plotted, Estimated):
         band: Optional[float] = None,
         **options: Any,
     ) -> "Prediction":
-        """What the fitted model predicts of a recording; see ground.predict, which takes the options, too.
+        """Predicts a recording by the fitted model; see ground.predict.
 
-        band: the share of the samples that a band about the prediction is to hold, such as 0.9. Its shape is
-        by how much fits without each run differ, its size by how far these are off the run that they were not
-        fitted to. GroundError when the model was fitted to a single run.
+        The shape of a band is by how much fits without each run differ, its size by how far these are off
+        the run that they were not fitted to.
+
+        Parameters
+        ----------
+        band : float, optional
+            Share of the samples that a band about the prediction is to hold, such as 0.9.
+        **options
+            Options of ground.predict.
+
+        Raises
+        ------
+        GroundError
+            When the run is too short, or the model was fitted to a single run and has no band.
         """
         made: Prediction = public("predict")(self.model, recording, horizon, band, self.parts, **options)
         return made
 
     def conf_int(self, level: float = 0.95) -> "pandas.DataFrame":
-        """Confidence intervals of the parameters, indexed by name: low, high, by Student's t of their
-        coordinates. GroundError when level is not between 0 and 1."""
+        """Confidence intervals of the parameters, by Student's t of their coordinates.
+
+        Parameters
+        ----------
+        level : float, default 0.95
+            Probability that an interval holds the true value, between 0 and 1.
+
+        Returns
+        -------
+        DataFrame
+            Columns low and high in the units of the parameters, indexed by their names.
+
+        Raises
+        ------
+        GroundError
+            When the level is not between 0 and 1.
+        """
         from ground.analysis.score_tests import moved
 
         if not 0 < level < 1:
@@ -156,8 +185,8 @@ class Fit(Shown, Plotted, Estimated):
 
     @property
     def llf(self) -> float:
-        """None: a fit minimises a simulation error, which has no likelihood. Raises GroundError, which says
-        what has one: a diagnosis."""
+        """A fit has no log-likelihood, for it minimises a simulation error: GroundError says what has one, a
+        diagnosis."""
         raise GroundError(
             "a fit minimises a simulation error and has no likelihood; a diagnosis fits by likelihood and "
             "has llf, aic and bic: ground.diagnose(fit.model, RECORDINGS)"
@@ -165,12 +194,12 @@ class Fit(Shown, Plotted, Estimated):
 
     @property
     def aic(self) -> float:
-        """None, as llf; raises GroundError."""
+        """A fit has none, as llf."""
         return self.llf
 
     @property
     def bic(self) -> float:
-        """None, as llf; raises GroundError."""
+        """A fit has none, as llf."""
         return self.llf
 
     @property
@@ -224,9 +253,11 @@ class Fit(Shown, Plotted, Estimated):
         return parameter_frame(self.parameters)
 
     def to_mat(self, path: Path, force: bool = False) -> None:
-        """Writes a file for MATLAB and Octave: structs `models`, `parameters` and `runs` with what was
-        measured and what the models "start" and "fitted" predict; its text `about` has units and frames.
-        GroundError when the file cannot be written."""
+        """Writes a file for MATLAB and Octave.
+
+        It has structs `models`, `parameters` and `runs` with what was measured and what the models "start"
+        and "fitted" predict; its text `about` has units and frames.
+        """
         from ground.reports import matlab
 
         models = {"start": self.given, "fitted": self.model}

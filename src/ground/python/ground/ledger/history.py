@@ -66,14 +66,25 @@ def history(
     progress: Progress = None,
     options: HistoryOptions,
 ) -> History:
-    """What drifts, what jumped between which two runs, and which craft is odd, over all runs below folders.
+    """Finds what drifts, what jumped between which two runs, and which craft is odd.
 
-    folders: a path or several. mapping: a mapping file, or its content; tables need one. progress: called
-    with a ground.support.progress.Report at each step. Each run has an estimate of its own, of the likelihood
-    that a diagnosis takes; then all of a type are fitted together: runs within days within crafts. Runs that
-    cannot be used are listed. GroundError when there is no run, no model or an option does not go with
-    them. Options, as keyword arguments or as HistoryOptions:
+    Each run has an estimate of its own, by the likelihood that a diagnosis takes; then all of a type are
+    fitted together: runs within days within crafts. Runs that cannot be used are listed.
 
+    Parameters
+    ----------
+    folders : path or iterable of path
+        Folders below which the runs are.
+    mapping : path or FieldMapping, optional
+        A mapping file, or its content; tables need one.
+
+    Raises
+    ------
+    GroundError
+        When there is no run, no model, or an option does not go with them.
+
+    Examples
+    --------
     >>> found = ground.history(bag, model=model_file, free=["k", "N_r"])
     >>> len(found.runs), found.changes, found.odd
     (1, [], [])

@@ -11,6 +11,7 @@ from ground.ledger.contents import SCHEMA, HistoryContents
 from ground.reports import result_folder
 from ground.support import files, records
 from ground.support.annotations import Document, Path
+from ground.support.docstrings import internal
 from ground.support.headline import Line
 from ground.support.results import Plotted, Shown
 
@@ -67,6 +68,7 @@ class History(Shown, Plotted):
         return list(self.report["verdicts"])
 
     @classmethod
+    @internal
     def load(cls, folder: Path) -> "History":
         """The history in a folder. GroundError when it cannot be read."""
         document = result_folder.read(folder, FILES[1], SCHEMA)
@@ -108,8 +110,13 @@ class History(Shown, Plotted):
             yield row
 
     def save(self, folder: Path, force: bool = False) -> str:
-        """Writes history.json, runs.csv (a line for each run) and report.html. Returns the path of the page.
-        GroundError when a file cannot be written, or exists and `force` is not set."""
+        """Writes history.json, runs.csv (a line for each run) and report.html.
+
+        Returns
+        -------
+        str
+            Path of the page.
+        """
         place = os.fspath(folder)
         page_file, numbers, _ = prepare(place, force)
         with result_folder.replaced(place, (), force) as new:

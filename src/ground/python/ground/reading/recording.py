@@ -26,6 +26,7 @@ from ground.reading.commands import CHANNELS
 from ground.reading.mapping import LIFT, RANGE
 from ground.reading.run_settings import LiveChange, RunFile, Settings
 from ground.support.annotations import Array, ArrayLike, Path
+from ground.support.docstrings import internal
 from ground.support.errors import GroundError
 from ground.support.origin import digest
 from ground.support.public import public
@@ -71,16 +72,16 @@ class Recording(Plotted):
     <Recording north 2: 4.99 s, 500 poses, 500 commands>
     """
 
-    name: str
+    name: str  #: by which tables and files call it
     pose_times: Array  #: (n,) [s], in the order of arrival
     eta: Array  #: (n, 3) x, y [m], psi [rad], world_ned
     control_times: Array  #: (m,) [s]
     controls: Array  #: (m, c) commands by `channels`, 0..1, reversible ones -1..1
     source: str  #: topics that it was read from
     clock_offset: float = 0.0  #: to add to the stamps of the poses for the clock of the commands [s]
-    warnings: List[str] = field(default_factory=list)
-    # (k, 2) [s], a row for each drive that the sender recorded (ground_msgs/Drive): when it began, and
-    # the stamp of the last message about it
+    warnings: List[str] = field(default_factory=list)  #: what is odd in it
+    #: (k, 2) [s], a row for each drive that the sender recorded (ground_msgs/Drive): when it began, and
+    #: the stamp of the last message about it
     drives: Array = field(default_factory=lambda: np.empty((0, 2)))
     settings: Settings = field(default_factory=Settings)  #: settings of the mocap
     flown_by: Dict[str, str] = field(default_factory=dict)  #: run_settings.flown_by
@@ -96,10 +97,9 @@ class Recording(Plotted):
     payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
     voltage: "Optional[Voltage]" = None  #: of the craft's battery, if recorded
     digest: str = ""  #: of the content of the files that it was read from; empty: none
-    mapping: str = (
-        ""  #: text of the mapping that was drafted to read it; empty: it was given, or none is needed
-    )
-    # of the mocap, as all runs of one call say together; empty: as this run says
+    #: text of the mapping that was drafted to read it; empty: it was given, or none is needed
+    mapping: str = ""
+    #: low-pass of the mocap, as all runs of one call say together; empty: as this run says
     decided: "Tuple[Optional[LowPass], ...]" = ()
     known: Dict[str, Any] = field(default_factory=dict, init=False)  #: results of `once`, no part of the run
 
@@ -115,13 +115,28 @@ class Recording(Plotted):
         channels: Sequence[str] = CHANNELS,
         name: str = "recording",
     ) -> "Recording":
-        """A recording of arrays.
+        """Makes a recording of arrays.
 
-        times: (n,) of the poses [s], in any order of arrival. poses: (n, 3) x, y [m], psi [rad],
-        world_ned. commands: (m, c) by channels, 0 to 1; of a thruster with another name than left or right,
-        -1 to 1. Each is held until the next. command_times: (m,) on the same clock [s]; by default the
-        times of the poses. channels: names as the model has them, the lift's name last. GroundError says
-        which array is wrong.
+        Parameters
+        ----------
+        times : array (n,)
+            Times of the poses [s], in any order of arrival.
+        poses : array (n, 3)
+            x, y [m], psi [rad], world_ned.
+        commands : array (m, c)
+            Commands by channel, 0 to 1; of a thruster with another name than left or right, -1 to 1. Each is
+            held until the next.
+        command_times : array (m,), optional
+            Times of the commands on the same clock [s]; by default the times of the poses.
+        channels : sequence of str, default ('left', 'right', 'lift')
+            Names as the model has them, the lift's name last.
+        name : str, default 'recording'
+            Name of the run.
+
+        Raises
+        ------
+        GroundError
+            Says which array is wrong.
         """
         stamps = times if command_times is None else command_times
         rows = _rows("poses", times, poses, POSE)
@@ -139,9 +154,21 @@ class Recording(Plotted):
 
     @staticmethod
     def from_frame(frame: "pandas.DataFrame", name: str = "recording") -> "Recording":
-        """A recording of a table as `to_frame` gives it: columns t, x, y, psi and a column for each
-        channel, the lift last; a row for each pose. Velocities are not taken: they are smoothed from the
-        poses. Rows without a command (NaN) have none. GroundError when a column is missing."""
+        """Makes a recording of a table as `to_frame` gives it.
+
+        Parameters
+        ----------
+        frame : DataFrame
+            A row for each pose: columns t, x, y, psi and a column for each channel, the lift last. Rows
+            without a command (NaN) have none. Velocities are smoothed from the poses.
+        name : str, default 'recording'
+            Name of the run.
+
+        Raises
+        ------
+        GroundError
+            When a column is missing.
+        """
         missing = [column for column in ("t", *POSE) if column not in frame]
         if missing:
             raise GroundError("%s: the table has no column %s" % (name, ", ".join(missing)))
@@ -160,13 +187,32 @@ class Recording(Plotted):
     def with_payload(
         self, mass: float, place: Tuple[float, float] = (0.0, 0.0), inertia: float = 0.0
     ) -> "Recording":
-        """The same run of a craft that carried a load: its mass [kg], the place of its centre of mass forward
-        and to starboard [m], its inertia about that [kg m^2]."""
+        """The same run of a craft that carried a load.
+
+        Parameters
+        ----------
+        mass : float
+            Mass of the load [kg].
+        place : (float, float), default (0.0, 0.0)
+            Its centre of mass, forward and to starboard [m].
+        inertia : float, default 0.0
+            Its inertia about that [kg m^2].
+        """
         return replace(self, payload=_core.Payload(mass, place, inertia))
 
     def without(self, *spans: Tuple[float, float]) -> "Recording":
-        """The same run without the poses in some spans (start, end) on the run's clock [s]: a gap, across
-        which no prediction goes. GroundError when too few poses are left."""
+        """The same run without the poses in some spans: gaps, across which no prediction goes.
+
+        Parameters
+        ----------
+        *spans : (float, float)
+            Start and end on the run's clock [s].
+
+        Raises
+        ------
+        GroundError
+            When too few poses are left.
+        """
         from ground.poses import repair
 
         zero = max(self.motion.times[0], self.control_times[0])
@@ -177,11 +223,17 @@ class Recording(Plotted):
         return replace(self, pose_times=self.pose_times[keep], eta=self.eta[keep], digest="")
 
     def within(self, start: float, end: float) -> "Recording":
-        """The same run with the poses between two times on the run's clock [s]; see without."""
+        """The same run with the poses in one span."""
         return self.without((-np.inf, start), (end, np.inf))
 
     def rename(self, name: str) -> "Recording":
-        """The same run under another name, by which tables and files call it."""
+        """The same run under another name.
+
+        Parameters
+        ----------
+        name : str
+            The name by which tables and files call it.
+        """
         return replace(self, name=name)
 
     @functools.cached_property
@@ -211,6 +263,7 @@ class Recording(Plotted):
         found = smoothed.recognised(self.thrust, self.averaged, motion)
         return motion if found is None else self.as_before(found)
 
+    @internal
     def as_before(self, low_pass: "Optional[LowPass]") -> "repair.Motion":
         """The repaired poses, and velocities; as before a low-pass of the mocap, or as they were measured."""
         from ground.poses import repair  # only few uses of a recording need its motion
@@ -218,6 +271,7 @@ class Recording(Plotted):
         given = self.name, self.pose_times, self.eta, self.clock_offset, self.noise, self.frame_rate
         return repair.repair(*given, low_pass)
 
+    @internal
     def with_low_pass(self, low_pass: "Optional[LowPass]") -> "Recording":
         """The same run with the low-pass that was decided for all runs of a call; None: with no low-pass."""
         copies = self.known.setdefault("with_low_pass", {})
@@ -252,12 +306,14 @@ class Recording(Plotted):
             return np.zeros(len(self.control_times))
         return np.asarray(self.controls[:, self.channels.index(self.lift_channel)])
 
+    @internal
     def with_lift_of(self, model: _core.Model) -> "Recording":
         """The same with the model's channel as its lift, where its own names none of the commands."""
         lift = model.channels[-1]
         known = self.lift_channel in self.channels or lift not in self.channels
         return self if known else replace(self, lift_channel=lift)
 
+    @internal
     def commands_of(self, names: Sequence[str]) -> Array:
         """Commands of some channels (m, len(names)). GroundError for a channel that is missing."""
         missing = [name for name in names if name not in self.channels]
@@ -269,6 +325,7 @@ class Recording(Plotted):
             )
         return np.asarray(self.controls[:, [self.channels.index(name) for name in names]])
 
+    @internal
     def held(self, values: Array, times: Array) -> Array:
         """The values (m, ...) of the commands that hold at some times [s]; 0 before the first command."""
         at = np.searchsorted(self.control_times, times, side="right") - 1
@@ -276,9 +333,11 @@ class Recording(Plotted):
         found[at < 0] = 0
         return found
 
+    @internal
     def averaged(self, values: Array, times: Array, width: float) -> Array:
         """Means of the values (m, k) of the commands over a width [s] about some times [s]; 0 before the
-        first command."""
+        first command.
+        """
         begins = self.control_times
         total = np.vstack([0 * values[:1], np.cumsum(values[:-1] * np.diff(begins)[:, None], axis=0)])
         edges = times + 0.5 * width * np.array([[-1.0], [1.0]])
@@ -289,14 +348,29 @@ class Recording(Plotted):
     def to_frame(
         self, raw: bool = False, model: "Union[Model, Path, None]" = None, horizon: float = 1.5
     ) -> "pandas.DataFrame":
-        """The repaired motion and the commands held at its times: columns t [s] since the first pose, x,
-        y [m], psi [rad], u, v [m/s], r [rad/s], and a column for each channel (NaN before the first
-        command; named command.r where a channel is named r). Units are in attrs["units"].
+        """The motion, and the commands held at its times, as a table.
 
-        raw: the poses as they were measured, in order of time and without velocities. Both are on the
-        clock of the commands. model: adds columns NAME_predicted and NAME_residual (measured minus
-        predicted), of `predict` with that horizon [s]; NaN where it predicts nothing. GroundError when
-        poses cannot be repaired."""
+        Parameters
+        ----------
+        raw : bool, default False
+            Poses as they were measured, in order of time and without velocities, in place of the repaired
+            motion. Both are on the clock of the commands.
+        model : Model or path, optional
+            Adds columns NAME_predicted and NAME_residual (measured minus predicted) of `predict`; NaN where
+            it predicts nothing.
+
+        Returns
+        -------
+        DataFrame
+            Columns t [s] since the first pose, x, y [m], psi [rad], u, v [m/s], r [rad/s], and one for each
+            channel (NaN before the first command; command.r where a channel is named r). Units are in
+            attrs["units"].
+
+        Raises
+        ------
+        GroundError
+            When poses cannot be repaired.
+        """
         import pandas
 
         from ground.poses import angles, repair
@@ -325,8 +399,20 @@ class Recording(Plotted):
         return with_units(frame, {name: unit(name) for name in frame})
 
     def to_xarray(self, raw: bool = False, model: "Union[Model, Path, None]" = None) -> "xarray.Dataset":
-        """The columns of `to_frame` as variables over t, each with its units. GroundError where xarray is
-        not installed."""
+        """The columns of `to_frame` as variables over t, each with its units.
+
+        Parameters
+        ----------
+        raw : bool, default False
+            Poses as they were measured.
+        model : Model or path, optional
+            Adds what it predicts, as in `to_frame`.
+
+        Raises
+        ------
+        GroundError
+            When xarray is not installed.
+        """
         try:
             import xarray
         except ImportError:

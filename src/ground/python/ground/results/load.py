@@ -24,15 +24,29 @@ FOLDERS: Dict[str, Callable[[str], Any]] = {
 
 
 def load(path: Path) -> Any:
-    """What is in a file or folder that the package wrote.
-
-    path: the folder of a diagnosis, a comparison, a discovery or a history; a model file, also of a fit
-    or an addition (a Model, whose `fitted` says how it was fitted); a room file; the file of a Tracking;
-    a recording. GroundError when it is none of these.
+    """Loads what the package wrote into a file or folder.
 
     Numbers, sentences and models of a loaded result equal the saved ones. A loaded diagnosis or
     comparison has no recordings: it does not draw runs, and is not saved again.
 
+    Parameters
+    ----------
+    path : path
+        The folder of a diagnosis, a comparison, a discovery or a history; a model file, also of a fit or an
+        addition; a room file; the file of a Tracking; a recording.
+
+    Returns
+    -------
+    Diagnosis, Comparison, Discovery, History, Model, Room, Tracking or Recording
+        What is there. `fitted` of a Model says how it was fitted.
+
+    Raises
+    ------
+    GroundError
+        When it is none of these.
+
+    Examples
+    --------
     >>> ground.load(model_file)["m"]
     0.0583
     >>> ground.load(bag).name, ground.load(room_file).name

@@ -25,12 +25,13 @@ from ground.reading.recording import VELOCITY, Recording
 from ground.reports import figures, run_figures, tracking_figures, wrench_figures
 from ground.reports.inspection import Inspection, PredictionBand, SimulatedMotion
 from ground.support.annotations import Plotly
+from ground.support.docstrings import Described
 from ground.support.errors import GroundError
 
 Makers = Dict[str, Callable[[], Any]]  # documents of plotly
 
 
-class Figures(Mapping[str, Any]):
+class Figures(Described, Mapping[str, Any]):
     """Figures of plotly by name. Each is drawn when it is asked for; a notebook shows all.
 
     >>> drawn = ground.compare(model_file, bag).plot()
@@ -72,11 +73,7 @@ class Figures(Mapping[str, Any]):
 
 
 def plot(result: Any, name: str = "") -> Any:
-    """The figures of a recording or a result; also `result.plot(name)`.
-
-    Without a name: the figure (plotly.graph_objects.Figure) if there is only one, else Figures. Names are
-    "errors", and "motion RUN" and the like; "motion" is enough for a single run. A figure's layout.meta says
-    what it shows. GroundError when there is none of that name.
+    """Draws the figures of a recording or a result; also `result.plot(name)`.
 
     - Recording: motion
     - Prediction: motion, residuals
@@ -86,6 +83,25 @@ def plot(result: Any, name: str = "") -> Any:
     - Discovery: errors; flight N
     - History: PARAMETER
 
+    Parameters
+    ----------
+    result : Recording, Prediction, Fit, Comparison, Diagnosis, Tracking, Discovery or History
+        What is drawn.
+    name : str, optional
+        Name of one figure; "motion" is enough for a single run.
+
+    Returns
+    -------
+    plotly.graph_objects.Figure or Figures
+        The figure of that name, or the only one; else all. A figure's layout.meta says what it shows.
+
+    Raises
+    ------
+    GroundError
+        When there is none of that name.
+
+    Examples
+    --------
     >>> run, = ground.read(bag)
     >>> figure = ground.plot(run)
     >>> [trace.name for trace in figure.data][:2]

@@ -1,7 +1,7 @@
 """The core's tables of controllers and references: as options, and as text for --help."""
 
 import textwrap
-from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple
 
 from ground import _core
 from ground.simulation import gains, tracking, tuning
@@ -48,11 +48,16 @@ def _wrapped(lines: List[str]) -> str:
 def reference_fields() -> Iterator[Tuple[str, Any, Any]]:
     """Fields of a dataclass of options that set parameters of references."""
     for p in (p for p in _core.reference_parameters() if p.name in NAMES):
-        help, metavar = p.text[0].lower() + p.text[1:], "N" if p.unit == "-" else p.unit.upper()
+        unit, metavar = ("", "N") if p.unit == "-" else (" [%s]" % p.unit, p.unit.upper())
+        help = p.text[0].lower() + p.text[1:] + unit
         yield p.name, Optional[float], option(None, help, type=number, metavar=metavar, group="tracking")
     for place in PLACES:
         help = "%s [m]" % {"origin": "centre or start", "end": "end of a line"}[place]
-        yield place, Any, option(None, help, type=number, nargs=2, metavar=("X", "Y"), group="tracking")
+        yield (
+            place,
+            Optional[Sequence[float]],
+            option(None, help, type=number, nargs=2, metavar=("X", "Y"), group="tracking"),
+        )
 
 
 def reference_settings(options: Any) -> Dict[str, float]:

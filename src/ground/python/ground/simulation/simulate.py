@@ -55,12 +55,12 @@ class Mocap:
     """The motion capture; what is None is usual."""
 
     rate: Optional[float] = _mocap("rate", "HZ", "frames per second")
-    position_noise: Optional[float] = _mocap("position_noise", "M", "noise of x and y, 1 sigma")
-    heading_noise: Optional[float] = _mocap("heading_noise", "RAD", "noise of the heading, 1 sigma")
-    latency: Optional[float] = _mocap("latency", "S", "time from capture to delivery")
+    position_noise: Optional[float] = _mocap("position_noise", "M", "noise of x and y, 1 sigma [m]")
+    heading_noise: Optional[float] = _mocap("heading_noise", "RAD", "noise of the heading, 1 sigma [rad]")
+    latency: Optional[float] = _mocap("latency", "S", "time from capture to delivery [s]")
     loss: Optional[float] = _mocap("loss", "SHARE", "share of single frames lost, 0..1")
     gap_rate: Optional[float] = _mocap("gap_rate", "1/S", "losses of tracking per second")
-    gap_length: Optional[float] = _mocap("gap_length", "S", "mean duration of a loss of tracking")
+    gap_length: Optional[float] = _mocap("gap_length", "S", "mean duration of a loss of tracking [s]")
 
     def params(self) -> _core.MocapParams:
         """The _core.MocapParams with these values."""
@@ -99,7 +99,7 @@ class _Options(Acting, Mocap):
 
     seed: int = option(
         1,
-        "for the mocap's noise and losses, the disturbance, and the start of the PRBS (%(default)s)",
+        "seed of the mocap's noise and losses, the disturbance, and the start of the PRBS (%(default)s)",
         type=seed,
     )
     duration: Optional[float] = option(
@@ -156,7 +156,7 @@ class _Options(Acting, Mocap):
     axes: str = option(AXES, "world_ned x, y, z in the mocap's axes (%(default)s)", group="motion capture")
     heading_offset: float = option(
         0.0,
-        "heading of the rigid body minus the craft's; recorded with the run, like the axes (0)",
+        "heading of the rigid body minus the craft's [rad]; recorded with the run, like the axes (0)",
         type=number,
         metavar="RAD",
         group="motion capture",
@@ -173,10 +173,12 @@ class _Options(Acting, Mocap):
         metavar="S",
     )
     charge: Optional[float] = option(
-        None, "its charge at the start, 0..1 (1)", range=(0.01, 1.0), metavar="CHARGE"
+        None, "charge of the battery at the start, 0..1 (1)", range=(0.01, 1.0), metavar="CHARGE"
     )
-    controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(gains.CONTROLLERS))
-    reference: Optional[str] = _tracking("(circle)", choices=[kind for kind in loop.KINDS if kind != "file"])
+    controller: Optional[str] = _tracking("control law (TrajectoryTracking)", choices=list(gains.CONTROLLERS))
+    reference: Optional[str] = _tracking(
+        "what it follows (circle)", choices=[kind for kind in loop.KINDS if kind != "file"]
+    )
 
 
 #: An experiment: _Options, and parameters of references.
@@ -199,16 +201,36 @@ def simulate(
     name: str = "simulated",
     options: _Options,
 ) -> SimulatedRun:
-    """A recording of a simulated experiment, without ROS and faster than real time.
+    """Simulates an experiment, without ROS and faster than real time.
 
-    model: the true model of the craft. input: a design ("prbs", "multilevel-prbs", "spin", ...:
-    `identify simulate --help` lists them), "tracking" for a controller in the loop, or a CSV file of
-    bits or timed rows. inputs: in its place, rows of time [s] and a command for each channel of the model
-    (n, 1 + channels), each held until the next, the last row ends it; without the lift's column, lift and
-    lift_time say it. A DataFrame has columns t and the channels by name. OptionError when an option does
-    not go with the input, GroundError when nothing can be recorded. Options, as keyword arguments or as
-    SimulateOptions; disturbance may be True for the model's:
+    Parameters
+    ----------
+    model : Model or path
+        The true model of the craft.
+    input : str or path, default 'prbs'
+        A design ("prbs", "multilevel-prbs", "spin", ...: `identify simulate --help` lists them), "tracking"
+        for a controller in the loop, or a CSV file of bits or timed rows.
+    inputs : array (n, 1 + channels) or DataFrame, optional
+        In place of `input`: rows of time [s] and a command for each channel of the model, each held until the
+        next; the last row ends it. A DataFrame has columns t and the channels by name. Without the lift's
+        column, `lift` and `lift_time` set it.
+    name : str, default 'simulated'
+        Name of the run.
 
+    Returns
+    -------
+    SimulatedRun
+        The recording, and the truth about it.
+
+    Raises
+    ------
+    OptionError
+        When an option does not go with the input.
+    GroundError
+        When nothing can be recorded.
+
+    Examples
+    --------
     >>> run = ground.simulate(model_file, "prbs", duration=5, seed=3)
     >>> run
     <SimulatedRun simulated: 6.99 s, 700 poses, 401 commands>

@@ -20,6 +20,7 @@ from ground.reading.run_settings import AXES
 from ground.reading.sensors import Voltage
 from ground.support import files
 from ground.support.annotations import Array, Message, Path, Time
+from ground.support.docstrings import internal
 from ground.support.origin import digest_of_files
 from ground.support.progress import Progress, Work
 
@@ -50,27 +51,27 @@ class SimulatedRun(Recording):
     True
     """
 
-    delivered: Array = _rows(0)  # (n,) when the poses were delivered [s]
-    truth_times: Array = _rows(0)  # (k,) [s] of every frame, including lost ones
-    truth_eta: Array = _rows(0, 0)  # (k, 3) x, y [m], psi [rad], world_ned
-    truth_nu: Array = _rows(0, 0)  # (k, 3) u, v [m/s], r [rad/s], body
-    truth_nu_dot: Array = _rows(0, 0)  # (k, 3) their derivatives
-    truth_wrench: Array = _rows(0, 0)  # (k, 3) disturbance: X, Y [N], N [N m], body
-    # (h, 2 + n) time, inputs, lift that a controller gave; `controls` is what the sender then sent
+    delivered: Array = _rows(0)  #: (n,) when the poses were delivered [s]
+    truth_times: Array = _rows(0)  #: (k,) [s] of every frame, including lost ones
+    truth_eta: Array = _rows(0, 0)  #: (k, 3) x, y [m], psi [rad], world_ned
+    truth_nu: Array = _rows(0, 0)  #: (k, 3) u, v [m/s], r [rad/s], body
+    truth_nu_dot: Array = _rows(0, 0)  #: (k, 3) their derivatives
+    truth_wrench: Array = _rows(0, 0)  #: (k, 3) disturbance: X, Y [N], N [N m], body
+    #: (h, 2 + n) time, inputs, lift that a controller gave; `controls` is what the sender then sent
     commanded: Array = _rows(0, 0)
-    references: Array = _rows(0, 0)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
-    # (i, 3 + n) time, stamp of the state, processor time [s], wanted inputs (of full scale)
+    references: Array = _rows(0, 0)  #: (j, 9) time, p, p_dot, p_ddot, p_dddot
+    #: (i, 3 + n) time, stamp of the state, processor time [s], wanted inputs (of full scale)
     decisions: Array = _rows(0, 5)
-    # of excitations: time [s], number, burst or return, reason
+    #: of excitations: time [s], number, burst or return, reason
     marks: List[Tuple[float, int, bool, str]] = field(default_factory=list)
-    # states of the controller: time [s], state, reason
+    #: states of the controller: time [s], state, reason
     stages: List[Tuple[float, str, str]] = field(default_factory=list)
-    stopped: str = ""  # why the controller stopped before its end
-    made_with: str = ""  # parameters of the run, as recordings.run_settings.document writes them
-    axes: str = AXES  # world_ned x, y, z in the axes of the mocap
-    heading_offset: float = 0.0  # heading of the rigid body minus the craft's [rad]
-    sequence: str = ""  # how a file of bits was played
-    disturbance: Optional[_core.Disturbance] = None  # the one that acted
+    stopped: str = ""  #: why the controller stopped before its end
+    made_with: str = ""  #: parameters of the run, as recordings.run_settings.document writes them
+    axes: str = AXES  #: world_ned x, y, z in the axes of the mocap
+    heading_offset: float = 0.0  #: heading of the rigid body minus the craft's [rad]
+    sequence: str = ""  #: how a file of bits was played
+    disturbance: Optional[_core.Disturbance] = None  #: the one that acted
 
     @functools.cached_property
     def identity(self) -> str:
@@ -106,6 +107,7 @@ class SimulatedRun(Recording):
         off = self.truth_eta[at, :2] - self.references[:, 1:3]
         return float(np.sqrt((off**2).sum(axis=1).mean()))
 
+    @internal
     def sensed(self, seed: int) -> "SimulatedRun":
         """The same with samples of the craft's gyro and accelerometer at each frame of the mocap."""
         rows = _core.sense(self.truth_nu, self.truth_nu_dot, seed)
@@ -113,20 +115,27 @@ class SimulatedRun(Recording):
             self, inertial=InertialSamples(self.truth_times + SENSED, rows[:, 0], rows[:, 1:], TELLS)
         )
 
+    @internal
     def with_voltage(self, volts: Array, seed: int) -> "SimulatedRun":
-        """The same with the voltage of the battery (k,) [V], as it was at each frame of the mocap, and as the
-        craft measures it."""
+        """The same with the voltage of the battery (k,) [V], as it was at each frame of the mocap, and as
+        the craft measures it.
+        """
         noise = VOLTAGE_NOISE * volts.mean() * np.random.default_rng(seed).normal(size=len(volts))
         measured = np.asarray(volts + noise, np.float32).astype(float)
         return replace(self, voltage=Voltage(self.truth_times + SENSED, measured, TELLS))
 
     def save(self, path: Path, force: bool = False, progress: Progress = None) -> Dict[str, int]:
-        """Writes a bag like those that launch/record.launch records. Returns the number of messages by
-        topic. GroundError when it cannot be written, or exists and `force` is not set.
+        """Writes a bag like those that launch/record.launch records.
 
         The same run gives the same bytes, except for the computing times of a controller. Poses are in the
         mocap's axes, of the rigid body. Header stamps are times of measurement, record times are times of
-        delivery. progress: called with a ground.support.progress.Report at each step."""
+        delivery.
+
+        Returns
+        -------
+        dict
+            Number of messages by topic.
+        """
         counts: Dict[str, int] = {}
         work = Work.of(progress)
         with files.new_file(os.fspath(path), force) as temporary:

@@ -5,9 +5,9 @@ import functools
 import inspect
 import math
 from dataclasses import field, fields, replace
-from typing import Any, Callable, Dict, Iterable, List, Optional, Type, TypeVar
+from typing import Any, Callable, Dict, Iterable, Optional, Type, TypeVar
 
-from ground.support import files, progress
+from ground.support import docstrings, files, progress
 from ground.support.errors import OptionError
 from ground.support.results import Shown
 
@@ -68,8 +68,8 @@ def given(options: Any, names: Iterable[str]) -> Dict[str, Any]:
 
 
 def takes(kind: Type[Any]) -> Callable[[Callable[..., _T]], Callable[..., _T]]:
-    """Lets a function whose last argument is `options`, a dataclass of this kind, take its fields as
-    keyword arguments, too. Its signature and its docstring list them."""
+    """Lets a function with an argument `options`, a dataclass of this kind, take its fields as keyword
+    arguments, too. Its signature and its docstring list them."""
 
     def decorate(function: Callable[..., _T]) -> Callable[..., _T]:
         @functools.wraps(function)
@@ -79,26 +79,18 @@ def takes(kind: Type[Any]) -> Callable[[Callable[..., _T]], Callable[..., _T]]:
             return function(*given, options=replace(chosen, **own), **keywords)
 
         signature = inspect.signature(function)
-        added = [
-            inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=f.type)
-            for f in fields(kind)
-        ]
-        parameters = sorted([*signature.parameters.values(), *added], key=lambda p: p.kind)
+        given = dict(signature.parameters)
+        given["options"] = given["options"].replace(default=None)
+        for f in fields(kind):
+            given[f.name] = inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default)
+        # The docstring has the types: as Python writes them they fill the screen before it.
+        bare = [one.replace(annotation=inspect.Parameter.empty) for one in given.values()]
+        parameters = sorted(bare, key=lambda one: one.kind)
         vars(taking)["__signature__"] = signature.replace(parameters=parameters)
-        head, arrows, examples = (function.__doc__ or "").partition("\n\n    >>>")
-        taking.__doc__ = head.rstrip() + "\n\n" + "\n".join(_described(kind)) + arrows + examples
+        taking.__doc__ = docstrings.with_options(function, kind)
         return taking
 
     return decorate
-
-
-def _described(kind: Type[Any]) -> List[str]:
-    """A line of a docstring for each option."""
-    return [
-        "    - ``%s``: %s" % (f.name, f.metadata["help"] % {"default": f.default})
-        for f in fields(kind)
-        if f.metadata
-    ]
 
 
 # Types of options

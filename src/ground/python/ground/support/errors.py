@@ -10,6 +10,7 @@ import traceback
 import warnings
 from typing import Any, Callable, Iterable, Iterator, Set, TextIO, Type
 
+from ground.support.docstrings import Described
 from ground.support.progress import harmless, say
 
 # What a user can do about errors of the operating system.
@@ -27,7 +28,7 @@ ADVICE = {
 DIVERGED = ("not finite", "not positive definite")
 
 
-class GroundError(Exception):
+class GroundError(Described, Exception):
     """Something is wrong with the user's files or arguments; the message says what, where and why.
 
     >>> try:
@@ -41,9 +42,19 @@ class GroundError(Exception):
 class OptionError(GroundError):
     """An argument that does not go with the others, or that cannot have this value.
 
-    text: with {0}, {1} for the names of arguments, and {name} for `values`. The message names
-    arguments as Python does; `as_options` names them as the command line does.
+    The message names arguments as Python does; `as_options` names them as the command line does.
 
+    Parameters
+    ----------
+    text : str
+        With {0}, {1} for the names of arguments, and {name} for `values`.
+    *names : str
+        Names of arguments.
+    **values
+        What the text says of them.
+
+    Examples
+    --------
     >>> try:
     ...     ground.simulate(model_file, "prbs", burst=2)
     ... except ground.OptionError as error:
@@ -62,7 +73,7 @@ class Diverged(GroundError):
     goes on; other errors are the user's to mend."""
 
 
-class GroundWarning(UserWarning):
+class GroundWarning(Described, UserWarning):
     """Something that is valid but probably a mistake.
 
     >>> import warnings

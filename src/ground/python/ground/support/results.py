@@ -6,6 +6,7 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, Collection, Iterator, List, Mapping, Sequence
 
 from ground.support import headline
+from ground.support.docstrings import Described, internal
 from ground.support.headline import Line
 from ground.support.public import public
 
@@ -13,30 +14,45 @@ if TYPE_CHECKING:
     import pandas
 
 
-class Plotted:
+class Plotted(Described):
     """What has figures."""
 
     def plot(self, name: str = "") -> Any:
-        """The figure of that name (plotly), or all of them by name; see ground.plot."""
+        """Draws its figures; see ground.plot.
+
+        Parameters
+        ----------
+        name : str, optional
+            Name of one figure.
+
+        Returns
+        -------
+        plotly.graph_objects.Figure or Figures
+            The figure of that name, or the only one; else all.
+        """
         return public("plot")(self, name)
 
 
-class Shown:
+class Shown(Described):
     """A result. Printed, it is what the command line prints; a notebook shows its title and its table."""
 
+    @internal
     def headline(self, written: str = "") -> Sequence[Line]:
         """Its first lines: the answer, its size, the file or folder that it was written to, and what to do
         next."""
         return []
 
+    @internal
     def table(self) -> Iterator[str]:
         """The numbers that stand below them."""
         yield from ()
 
+    @internal
     def details(self) -> Iterator[str]:
         """The evidence, in lines."""
         yield from ()
 
+    @internal
     def lines(self, written: str = "") -> Iterator[str]:
         """The lines that the command line prints."""
         yield from headline.formatted(self.headline(written))

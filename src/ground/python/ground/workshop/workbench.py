@@ -1,13 +1,14 @@
 """workbench: a page on this computer to fit a model, see where it fails, and add what is missing."""
 
 import argparse
+import contextlib
 import multiprocessing
 import os
 import socket
 import sys
 import webbrowser
 from dataclasses import asdict, dataclass
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ground.data import bag_arguments
 from ground.data.measured import repaired
@@ -32,9 +33,7 @@ PAGE = ("page.html", "page.css", "page.js")  # files beside this one
 class WorkbenchOptions:
     """Where the page is."""
 
-    port: int = option(
-        0, "port on the loopback address (a free one)", type=int, metavar="N", range=(0, 65535)
-    )
+    port: int = option(0, "port on the loopback address (a free one)", type=int, range=(0, 65535))
     no_browser: bool = option(False, "print the address, and open no browser")
     room: Optional[RoomLike] = option(
         None, "room of the next experiment (default: the first room that a run has)", metavar="ROOM.yaml"
@@ -53,15 +52,26 @@ def workbench(
     begun: Callable[[str], None] = lambda address: None,
     options: WorkbenchOptions,
 ) -> None:
-    """Serves a page on this computer until Ctrl-C: measured against predicted motion, fits, where the model
-    fails, what is missing, and its error with it.
+    """Serves a page on this computer until Ctrl-C: measured against predicted motion, fits, missing effects.
 
-    recordings, holdout: recordings or bags to fit to, and to hold out; the page can change that. reading:
-    options of ground.read, with which bags are read here and by the scripts that are saved. output: folder,
-    made if it is missing, of the work file, which brings everything back when the workbench is started
-    again, and of what the page saves; nothing else is written. begun: called with the address of the page.
-    GroundError when a file cannot be read, or the system has no fork (Windows). Options:
+    Parameters
+    ----------
+    model : Model or path
+        The model to start from.
+    output : path, default 'workbench'
+        Folder of the work file, which brings everything back at the next start, and of what the page saves.
+    reading : mapping, optional
+        Options of ground.read, with which bags are read here and by the scripts that are saved.
+    begun : callable, optional
+        Called with the address of the page.
 
+    Raises
+    ------
+    GroundError
+        When a file cannot be read, or the system has no fork (Windows).
+
+    Examples
+    --------
     >>> def seen(address):  # a program of your own may open it
     ...     raise SystemExit("at %s..." % address[:17])
     >>> ground.workbench(bag, model_file, begun=seen)
@@ -80,10 +90,8 @@ def workbench(
     repaired(runs, told, given.core)
     folder = os.path.abspath(os.fspath(output))
     os.makedirs(folder, exist_ok=True)
-    rooms: Iterable[Optional[Room]] = map(Room.of_recording, runs)
-    if options.room:
-        rooms = [Room.of(options.room)]
-    room = next(filter(None, rooms), None)
+    wanted = Room.of(options.room) if options.room else None
+    room = wanted or next(filter(None, map(Room.of_recording, runs)), None)
 
     def heard(number: int, kind: str, content: Any) -> None:
         session.heard(number, kind, content)
@@ -177,13 +185,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify workbench."""
     bag_arguments.add_bag_arguments(parser)
     command_line.add_model(parser, "the model to start from")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        default="workbench",
-        help="folder of the work file, and of what is saved (%(default)s)",
-    )
+    help = "folder of the work file, and of what is saved (%(default)s)"
+    parser.add_argument("-o", "--output", metavar="DIR", default="workbench", help=help)
     bag_arguments.add_holdout_argument(parser)
     command_line.add_options(parser, WorkbenchOptions)
 
@@ -192,9 +195,8 @@ def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify workbench; returns what --json prints."""
     if arguments.leave_out:
         raise OptionError("{0}: leave stretches out on the page", "leave_out")
-    has_display = bool(
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform == "darwin"
-    )
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    has_display = bool(display) or sys.platform == "darwin"
 
     def begun(address: str) -> None:
         for line in told_of(address, has_display):
@@ -202,7 +204,7 @@ def run(arguments: argparse.Namespace) -> Dict[str, object]:
         if has_display and not arguments.no_browser:
             webbrowser.open(address)
 
-    try:
+    with contextlib.suppress(KeyboardInterrupt):
         workbench(
             bag_arguments.reading(arguments, arguments.bags),
             arguments.model,
@@ -213,6 +215,4 @@ def run(arguments: argparse.Namespace) -> Dict[str, object]:
             options=command_line.options(arguments, WorkbenchOptions),
             progress=arguments.work,
         )
-    except KeyboardInterrupt:
-        pass
     return {"output": arguments.output}
