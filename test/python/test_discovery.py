@@ -569,7 +569,7 @@ def test_what_no_effect_explains_becomes_a_formula_in_words(tmp_path):
     assert last.effects == ["proposed"] and story.confirmation.holds and story.sure
     assert any("Y = c1*(u*r)" in sentence for sentence in last.sentences)
     said = dict(answer.lines(story, given()))["Missing"]
-    assert said.startswith("a force to the side that depends on the velocity")
+    assert said.startswith("a force to the right that depends on the velocity")
     errors = story.flights[-1].errors
     assert errors[last.label][0] < 0.7 * errors[first.label][0]
     assert story.confirmation.final < 1.2 * story.confirmation.floor
