@@ -1,5 +1,6 @@
 """Small functions of the analysis, each with plain numbers."""
 
+import math
 import re
 
 import numpy as np
@@ -91,6 +92,21 @@ def test_every_symbol_of_a_formula_is_known_or_explained(craft):
             assert word in plain | functions | told or word.startswith("u_"), (word, text)
         explained += len(told)
     assert explained > 20
+
+
+def test_a_formula_without_outer_parentheses_is_the_same_factor():
+    values = {"a": 2.0, "b": -3.0, "u": 5.0}
+    for text in ("(a+b)", "((a+b)*u)", "(a*b)", "((a*b)-u)", "(-a)", "(a)*(b)", "u", "(((a-b)))", "(a-(b+u))"):
+        bare = formula_words._bare(text)
+        assert eval("7*" + bare, values) == eval("7*" + text, values), (text, bare)
+        assert len(bare) < len(text) or bare in (text, "(a+b)"), (text, bare)
+    assert formula_words._bare("((a+b)*u)") == "(a+b)*u"
+
+
+def test_a_direction_in_the_room_is_in_degrees():
+    parameters = {"d": (math.pi / 2, "rad", 0.0, 3.0), "c": (0.012, "N", -1.0, 1.0)}
+    term = formula_words.FormulaTerm(1, {}, parameters, "a force towards {d} of {c}", {}, ())
+    assert formula_words.of_pieces([term], {"d": math.pi / 2, "c": 0.012}) == "a force towards 90 deg of 12 mN"
 
 
 def test_a_track_counts_what_is_after_its_settling():

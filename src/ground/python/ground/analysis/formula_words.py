@@ -33,9 +33,9 @@ def _bare(function: str) -> str:
     """A formula without the parentheses around all of it, except around a sum."""
     inside = function[1:-1] if function.startswith("(") else ""
     depth, sums = 0, False
-    for at, letter in enumerate(inside):
+    for letter in inside:
         depth += {"(": 1, ")": -1}.get(letter, 0)
-        sums |= depth == 0 and letter in "+-" and at > 0
+        sums |= depth == 0 and letter in "+-"
         if depth < 0:  # the first parenthesis closes before the end
             return function
     return function if sums or not inside else _bare(inside)
