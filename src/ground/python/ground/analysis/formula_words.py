@@ -30,7 +30,8 @@ def of_feature(feature: Feature, size: str, own: Mapping[str, str], memory: Memo
 
 
 def _bare(function: str) -> str:
-    """A formula without the parentheses around all of it, except around a sum."""
+    """A formula without the parentheses around a name, a call, or all of it, except around a sum."""
+    function = re.sub(r"(?<!\w)\((\w+|\w+\([^()]*\))\)", r"\1", function)
     inside = function[1:-1] if function.startswith("(") else ""
     depth, sums = 0, False
     for letter in inside:
