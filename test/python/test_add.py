@@ -105,6 +105,18 @@ def test_an_effect_that_is_not_identifiable_does_not_help(tmp_path):
     assert "Does it help:          no" in result.stdout and "cannot be identified" in result.stdout
 
 
+def test_parameters_that_are_only_known_together_help(tmp_path):
+    """A long wave times a size: the motion shows their product alone."""
+    moment = "{name: own, expression: {N: %s}, parameters: {c: {value: %s, unit: N m s/m}%s}}"
+    truth = with_effect(tmp_path / "truth.yaml", moment % ('"c*u*v*0.17"', "2.4e-3", ""))
+    bags = [write_bag(tmp_path / ("run%d.bag" % s), seed=s, model=truth, duration=8.0) for s in (1, 2)]
+    k = ", k: {value: 0.17, neutral: 0.17, unit: rad s/m, lower: 0, upper: 1.4}"
+    (tmp_path / "wave.yaml").write_text(moment % ('"c*sin(k*u)*v"', "0", k))
+    found = json_of("add", tmp_path / "wave.yaml", *bags, "--model", MODEL, "-o", tmp_path / "better.yaml")
+    assert found["verdict"]["helps"], found["verdict"]
+    assert found["error"]["heldout"]["after"] < 0.5 * found["error"]["heldout"]["before"]
+
+
 def test_a_heading_offset_is_found_from_zero(tmp_path):
     truth = with_effect(tmp_path / "truth.yaml", "{name: heading_offset, psi0: 2.6}")
     bag = write_bag(tmp_path / "run.bag", model=truth)

@@ -1,5 +1,6 @@
 """Small functions of the analysis, each with plain numbers."""
 
+import math
 import re
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy import stats
 from conftest import ROOT, run_data
 from conftest import nominal as model
 from ground import _core
-from ground.analysis import comparison, dictionary, evidence, formula_words, missing_wrench, tracks
+from ground.analysis import comparison, dictionary, evidence, formula_words, missing_wrench, scalars, tracks
 from ground.analysis.samples import Scales, memory
 from ground.fitting import identifiability
 from ground.models import Parameter
@@ -91,6 +92,29 @@ def test_every_symbol_of_a_formula_is_known_or_explained(craft):
             assert word in plain | functions | told or word.startswith("u_"), (word, text)
         explained += len(told)
     assert explained > 20
+
+
+def test_a_formula_without_outer_parentheses_is_the_same_factor():
+    values = {"a": 2.0, "b": -3.0, "u": 5.0}
+    for text in ("(a+b)", "((a+b)*u)", "(a*b)", "((a*b)-u)", "(-a)", "(a)*(b)", "u", "(((a-b)))", "(a-(b+u))", "(abs(a))*(u)"):
+        bare = formula_words._bare(text)
+        assert eval("7*" + bare, values) == eval("7*" + text, values), (text, bare)
+        assert len(bare) <= len(text)
+    assert formula_words._bare("((a+b)*u)") == "(a+b)*u"
+
+
+def test_a_long_wave_may_be_its_variable():
+    """A product u v is also a short piece of a wave of u, times v, of which no fit tells the length."""
+    wave = next(scalars._sines(scalars.Scalar("u", "m/s"), 1.0, 1, 0.5))
+    feature = dictionary.Feature(dictionary.ON_BODY[2], [wave, scalars.Scalar("v", "m/s")])
+    straight = [one for one in feature.simpler if one.template == {"N": "(u)*(v)"}]
+    assert [one.weight_unit for one in straight] == ["N m/(m/s*m/s)"] and not straight[0].constants
+
+
+def test_a_direction_in_the_room_is_in_degrees():
+    parameters = {"d": (math.pi / 2, "rad", 0.0, 3.0), "c": (0.012, "N", -1.0, 1.0)}
+    term = formula_words.FormulaTerm(1, {}, parameters, "a force towards {d} of {c}", {}, ())
+    assert formula_words.of_pieces([term], {"d": math.pi / 2, "c": 0.012}) == "a force towards 90 deg of 12 mN"
 
 
 def test_a_track_counts_what_is_after_its_settling():

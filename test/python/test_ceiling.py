@@ -134,7 +134,7 @@ def test_what_depends_on_the_heading_is_learnable_in_its_true_share(turning):
 def test_a_moment_by_heading_gets_its_name_and_size(turning):
     _, _, (likelihood, fit, _, left) = turning
     formula = naming.formula(likelihood, fit, left.found.regression)
-    assert formula.means.startswith("a moment that depends on the heading (= ")
+    assert formula.means.startswith("a moment to the right that depends on the heading (= ")
     assert set(formula.entry["expression"]) == {"N"}
     (size,) = (p["value"] for p in formula.entry["parameters"].values() if p["unit"] == "N m")
     assert abs(size) == pytest.approx(SIZE, rel=0.1)

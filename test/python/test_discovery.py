@@ -32,6 +32,7 @@ from ground.simulation import experiments
 pytestmark = pytest.mark.usefixtures("one_preparation")
 
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
+N0 = [{"name": "yaw_bias.n0", "value": 2e-4, "ci95": (1e-4, 3e-4), "unit": "N m", "identified": True}]
 SHARE, TIME = 0.005, 0.5  # disturbance: of full thrust, correlation time [s]
 OPTIONS = ["--room", ROOM, "--latency", 0.02, "--disturbance", SHARE, TIME, "--progress", "off"]
 SIDE_FORCE = {
@@ -397,7 +398,7 @@ class RoughAnalyst:
         model = craft(yaw_bias={"n0": 1e-6 * self.past + 1e-8 * reachable + 1e-9 * seed})
         before = types.SimpleNamespace(model=model)
         conclusion = types.SimpleNamespace(varies=[], prediction=None, before=before)
-        fit = types.SimpleNamespace(expected=10.0 if len(recordings) > 4 else 1e-3)
+        fit = types.SimpleNamespace(expected=10.0 if len(recordings) > 4 else 1e-3, parameters=N0)
         found = types.SimpleNamespace(
             fit=fit, given=given(), chosen=[types.SimpleNamespace(name="yaw_bias")], steps=[]
         )
@@ -476,6 +477,7 @@ def test_nothing_is_sure_or_confirmed_while_something_is_left(tmp_path, swift, m
     said = dict(answer.lines(story, None))
     assert story.needed in said["Next"] and "Not confirmed" in said["Missing"]
     assert not said["Missing"].startswith("nothing is missing.")
+    assert "a moment of 0.2 mN m turns the craft to the right" in said["Missing"].replace("A moment", "a moment")
 
 
 def test_it_ends_with_its_budget(tmp_path, swift):
@@ -569,7 +571,7 @@ def test_what_no_effect_explains_becomes_a_formula_in_words(tmp_path):
     assert last.effects == ["proposed"] and story.confirmation.holds and story.sure
     assert any("Y = c1*(u*r)" in sentence for sentence in last.sentences)
     said = dict(answer.lines(story, given()))["Missing"]
-    assert said.startswith("a force to the side that depends on the velocity")
+    assert said.startswith("a force to the right that depends on the velocity")
     errors = story.flights[-1].errors
     assert errors[last.label][0] < 0.7 * errors[first.label][0]
     assert story.confirmation.final < 1.2 * story.confirmation.floor

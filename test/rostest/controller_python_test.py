@@ -25,7 +25,7 @@ POINT = re.compile(r"^POINT = \((.*), (.*)\).*$", re.M)
 class ControllerInPython(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.program = re.search(r"^```python\n(.*?)^```", PAGE.read_text(), re.M | re.S).group(1)
+        cls.law, _, cls.node = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), re.M | re.S)
         cls.folder = tempfile.TemporaryDirectory()
         cls.status = harness.sender_status()
         cls.truth = harness.Latest("simulator/truth", State)
@@ -40,10 +40,11 @@ class ControllerInPython(unittest.TestCase):
             process.kill()
             process.wait()
 
-    def start(self, text):
-        """Saves and runs a program as the page says."""
-        path = pathlib.Path(self.folder.name, "hold_point.py")
-        path.write_text(text)
+    def start(self, law):
+        """Saves the function and the node and runs the node as the page says."""
+        pathlib.Path(self.folder.name, "hold_point.py").write_text(law)
+        path = pathlib.Path(self.folder.name, "hold_node.py")
+        path.write_text(self.node)
         path.chmod(0o755)
         self.running.append(subprocess.Popen([str(path)], cwd=self.folder.name))
         return self.running[-1]
@@ -62,8 +63,8 @@ class ControllerInPython(unittest.TestCase):
         self.assertEqual(self.status.message.state, SenderStatus.DISARMED)
 
     def test_2_it_goes_to_the_point_and_stays(self):
-        point = [float(number) for number in POINT.search(self.program).groups()]
-        program = self.start(self.program)
+        point = [float(number) for number in POINT.search(self.law).groups()]
+        program = self.start(self.law)
         self.wait_sender(SenderStatus.ARMED)
         harness.wait_for(lambda: self.distance(point) < 0.2, 30, lambda: str(self.truth.message))
         settled = rospy.Time.now() + rospy.Duration(5)
@@ -79,7 +80,7 @@ class ControllerInPython(unittest.TestCase):
 
     def test_3_a_second_node_that_sends_commands_prevents_arming(self):
         self.arm(False)
-        self.start(self.program)
+        self.start(self.law)
         second = rospy.Publisher("controls", Controls, queue_size=1)
         zeros = harness.Repeater(50, lambda: second.publish(zero_command()))
         try:
@@ -91,7 +92,7 @@ class ControllerInPython(unittest.TestCase):
 
     def test_4_the_fence_of_the_sender_keeps_it_in_the_room(self):
         self.arm(False)
-        self.start(POINT.sub("POINT = (5.0, 0.0)", self.program))
+        self.start(POINT.sub("POINT = (5.0, 0.0)", self.law))
         controls = harness.Latest("controls", Controls)
         harness.wait_for(lambda: controls.message, 20, "commands of this program")
         harness.wait_for(lambda: self.arm(True).success, 20, "arming")

@@ -23,8 +23,8 @@ class Channel(NamedTuple):
 
 _AXES = (
     ("X", "u", "m/s", "a force ahead"),
-    ("Y", "v", "m/s", "a force to the side"),
-    ("N", "r", "rad/s", "a moment"),
+    ("Y", "v", "m/s", "a force to the right"),
+    ("N", "r", "rad/s", "a moment to the right"),
 )
 ON_BODY = [Channel({axis: "%s"}, words) for axis, _, _, words in _AXES]
 ALONG = Channel({"X": "%s*u", "Y": "%s*v"}, "a force along the velocity, in proportion to it,", "m/s")
@@ -42,7 +42,7 @@ def directions(count: int) -> List[Channel]:
     """Forces in some directions of the room, over half a turn."""
     parts, words = (
         {"X": "%s*cos(psi-{dr})", "Y": "-%s*sin(psi-{dr})"},
-        "a force in the direction {dr} of the room",
+        "a force towards {dr} in the room (0 deg: its x, 90 deg: its y)",
     )
     angles = np.arange(count) * np.pi / count
     return [Channel(parts, words, "-", {"dr": Constant(a, "rad", np.pi / 2)}) for a in angles.tolist()]

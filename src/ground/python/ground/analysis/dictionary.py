@@ -75,12 +75,14 @@ class Feature:
 
     @property
     def simpler(self) -> List["Feature"]:
-        """The features of the screen without one of the factors."""
+        """The features of the screen without one of the factors, or with the variable of a wave in its
+        place."""
         if self.family:
             return []
-        if len(self.factors) == 1:
-            return [Feature(self.channel)]
-        return [Feature(self.channel, [factor]) for factor in self.factors]
+        fewer = [[factor] for factor in self.factors] if len(self.factors) > 1 else [[]]
+        for i, factor in enumerate(self.factors):
+            fewer += [[*self.factors[:i], variable, *self.factors[i + 1 :]] for variable in factor.long]
+        return [Feature(self.channel, factors) for factors in fewer]
 
     @property
     def dependence(self) -> str:

@@ -1,5 +1,6 @@
 """Formulas of what has no name, in words."""
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Dict, Mapping, Sequence, Tuple
@@ -29,9 +30,16 @@ def of_feature(feature: Feature, size: str, own: Mapping[str, str], memory: Memo
 
 
 def _bare(function: str) -> str:
-    """A formula without parentheses about a word or about other parentheses."""
-    match = re.fullmatch(r"\((\w+|\([^()]*\))\)", function)
-    return match.group(1) if match else function
+    """A formula without the parentheses around a name, a call, or all of it, except around a sum."""
+    function = re.sub(r"(?<!\w)\((\w+|\w+\([^()]*\))\)", r"\1", function)
+    inside = function[1:-1] if function.startswith("(") else ""
+    depth, sums = 0, False
+    for letter in inside:
+        depth += {"(": 1, ")": -1}.get(letter, 0)
+        sums |= depth == 0 and letter in "+-"
+        if depth < 0:  # the first parenthesis closes before the end
+            return function
+    return function if sums or not inside else _bare(inside)
 
 
 def _states(memory: Memory, text: str) -> str:
@@ -95,6 +103,11 @@ def _told(piece: FormulaTerm, values: Mapping[str, float]) -> str:
     told = told.replace("--", "+").replace("+-", "-")
     return re.sub(
         r"\{(\w+)\}",
-        lambda found: quantity(values[found.group(1)], piece.parameters[found.group(1)][1]),
+        lambda found: _size(values[found.group(1)], piece.parameters[found.group(1)][1]),
         told,
     )
+
+
+def _size(value: float, unit: str) -> str:
+    """A value with its unit; angles are in degrees."""
+    return "%.3g deg" % math.degrees(value) if unit == "rad" else quantity(value, unit)

@@ -36,11 +36,13 @@ PHASES = {"p0": Constant(0.0, "rad", np.pi), "p1": Constant(np.pi / 2, "rad", np
 
 
 class Scalar(NamedTuple):
-    """A function of what was recorded. text: a formula, with names in braces for its constants."""
+    """A function of what was recorded. text: a formula, with names in braces for its constants; long: of a
+    wave, its variable, to which a long one is proportional."""
 
     text: str
     unit: str = "-"
     constants: Mapping[str, Constant] = {}
+    long: Sequence["Scalar"] = ()
 
 
 ONE = Scalar("1")
@@ -237,7 +239,7 @@ def _sines(
     unit = {"-": "rad", "s": "rad/s"}.get(variable.unit, "rad/(%s)" % variable.unit)
     for k, phase in itertools.product(range(1, most + 1), PHASES.values()):
         constants = {number: Constant(k * half, unit, reach * half), shift: phase}
-        yield Scalar("sin({%s}*%s+{%s})" % (number, variable.text, shift), "-", constants)
+        yield Scalar("sin({%s}*%s+{%s})" % (number, variable.text, shift), "-", constants, [variable])
 
 
 def _widths(scales: Scales, extent: float, least: float) -> Iterator[float]:

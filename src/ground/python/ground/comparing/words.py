@@ -42,7 +42,7 @@ def _best(ranking: Ranking, found: Optional[PredictionError]) -> str:
     ratio = words.ratio(found.errors[others[0]], found.errors[best])
     if ratio < SLIGHTLY:
         return "%s - it %s these runs slightly better than %s." % (best, does, listed(others))
-    return "%s - it %s these runs %.2g times as well as %s." % (best, does, ratio, others[0])
+    return "%s - it %s these runs %s times as well as %s." % (best, does, words.two_digits(ratio), others[0])
 
 
 def _next(ranking: Ranking, finds: str, found: Optional[PredictionError]) -> str:
@@ -54,8 +54,8 @@ def _next(ranking: Ranking, finds: str, found: Optional[PredictionError]) -> str
         return "record other runs to learn %s: these were used to fit %s" % (asked, used)
     if ratio > words.MISSING:
         return (
-            "something is missing in %s: its predictions are off by %.2g times what the mocap explains. "
-            "This finds it:\n%s" % (best, ratio, finds)
+            "something is missing in %s: its predictions are off by %s times what the mocap explains. "
+            "This finds it:\n%s" % (best, words.two_digits(ratio), finds)
         )
     if ranking.equal:
         return "record more runs to decide, or use the simplest model"

@@ -96,8 +96,9 @@ def arguments(report: DiagnosisReport) -> str:
 
 
 def _part(share: float, low: float, high: float) -> str:
-    """A share with its 95% interval."""
-    return "%s (%s to %s)" % tuple(_percent(value) for value in (share, low, high))
+    """A share with its 95% interval, if that is wider than the digits shown."""
+    told = [_percent(value) for value in (share, low, high)]
+    return "%s (%s to %s)" % tuple(told) if len(set(told)) > 1 else told[0]
 
 
 def _percent(share: float) -> str:

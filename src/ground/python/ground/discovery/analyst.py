@@ -18,6 +18,7 @@ from ground.discovery.information import Offer, Question
 from ground.discovery.story import Off
 from ground.effect_library import candidates
 from ground.reading.recording import Recording
+from ground.reports import effect_words
 from ground.reports.words import prediction
 from ground.support.annotations import Document
 from ground.support.errors import Diverged
@@ -251,6 +252,13 @@ def sentences(found: FlightDiagnosis, formulas: Mapping[str, Mapping[str, str]])
     for label, text in prediction(found.conclusion.prediction, "refitted", "improved") if chosen else ():
         said.append("%s, without the effects and with them: %s." % (label, text))
     return said
+
+
+def does(found: FlightDiagnosis) -> Dict[str, str]:
+    """What the effects found do with their values, by name; those of the library alone."""
+    chosen = found.diagnosis.chosen
+    said = {c.name: effect_words.of_fit(c.name, found.diagnosis.fit.parameters) for c in chosen}
+    return {name: clause for name, clause in said.items() if clause}
 
 
 def error(run: _core.RunData, model: _core.Model) -> Optional[float]:

@@ -7,7 +7,7 @@ from ground import _core
 from ground.analysis.horizon import PredictionError
 from ground.discovery import words
 from ground.discovery.story import Story
-from ground.reports.words import capital, listed, prediction
+from ground.reports.words import listed, prediction, sentence
 from ground.support import records
 from ground.support.headline import Line
 
@@ -37,6 +37,7 @@ def _answer(story: Story, given: Optional[_core.Model]) -> str:
     finding = story.findings[-1]
     found, rest = words.effects_of(finding, given), words.rest_of(finding)
     told = [listed(found) + "."] if found else []
+    told += [sentence(finding.does[name]) for name in finding.effects if name in finding.does]
     return " ".join([*told, *([rest + "."] if rest else []), *_certainty(story)])
 
 
@@ -59,4 +60,4 @@ def _next(story: Story) -> str:
         return "%s; needed: %s" % (story.reason, story.needed)
     if story.sure:
         return "nothing needed - %s" % story.reason
-    return capital(story.reason)
+    return "to continue, repeat it with the same folder (it ended: %s)" % story.reason

@@ -94,7 +94,8 @@ class FlightCampaign(Flights):
         elif waiting > self._diagnosed:
             self._diagnose(waiting)
         elif story.verdict == MISREAD:
-            self._end("the recordings seem to be misread: %s" % story.findings[-1].sentences[0])
+            reason = "the recordings seem to be misread: %s" % story.findings[-1].sentences[0]
+            self._end(reason, needed="settings without this mistake, and a new folder")
         elif not self._sure():
             self._look()
         elif self.settings.track and tracking.is_due(story):
@@ -164,7 +165,7 @@ class FlightCampaign(Flights):
             self._confirm()
             return
         open_still = self._open()
-        needed = "more flight, to decide on %s" % ", ".join(open_still) if open_still else ""
+        needed = "a larger budget, to decide on %s" % ", ".join(open_still) if open_still else ""
         if found is not None and found.verdict in LEAVES:
             needed = "an effect that %s" % self.analyst.depends
         self._end("the budget of %g s is used up" % self.story.budget, needed=needed)
@@ -245,6 +246,7 @@ class FlightCampaign(Flights):
                 self._open(),
                 dict(found.words),
                 as_document(found.conclusion.prediction),
+                analyst.does(found),
             )
         )
         self._judge_flights(found.model)

@@ -7,6 +7,8 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Tuple, Union, get_args, get_origin, get_type_hints
 
+from ground.support import records
+
 SCHEMA = "ground/discovery/1"
 
 # Purposes of a flight
@@ -97,6 +99,9 @@ class Finding:
     words: Dict[str, str] = field(default_factory=dict)
     # horizon.PredictionError as a dictionary, of the diagnosis; None: not known
     prediction: Optional[Dict[str, object]] = None
+    # What the effects found do with their values, a clause for each of the library; journals of release 1.0.0
+    # do not have it
+    does: Dict[str, str] = field(default_factory=dict, metadata={records.ABSENT: {}})
 
 
 @dataclass(frozen=True)
@@ -174,10 +179,11 @@ class Story:
 
 
 def _read(kind: Any, value: Any) -> Any:
-    """A value of a type, from plain values. Every field has to be there."""
+    """A value of a type, from plain values. Every field has to be there that may not be absent."""
     if dataclasses.is_dataclass(kind):
         kinds = get_type_hints(kind)
-        return kind(**{name: _read(kinds[name], value[name]) for name in kinds})
+        own = [f.name for f in dataclasses.fields(kind) if f.name in value or records.ABSENT not in f.metadata]
+        return kind(**{name: _read(kinds[name], value[name]) for name in own})
     parts = get_args(kind)
     if get_origin(kind) is list:
         return [_read(parts[0], item) for item in value]

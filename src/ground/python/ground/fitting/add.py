@@ -43,7 +43,7 @@ FITTING = "fitting without the effect and with it"  # stage
 @dataclass(frozen=True)
 class Verdict:
     """Whether an effect helps. The error on held-out data must fall by more than chance explains, and its
-    parameters must differ from the values at which it does nothing. Where all masses of a craft are fitted,
+    parameters must differ from the values at which it does nothing, or be several that do so together. Where all masses of a craft are fitted,
     only ratios of forces to masses are identifiable, and no parameter alone."""
 
     helps: bool
@@ -275,9 +275,10 @@ def _verdict(
     own = [parameters[name] for name in neutral]
     tested = errors.get("holdout")
     known = [p for p in own if p.identified]
+    contain = bool(known) and all(p.ci95[0] <= neutral[p.name] <= p.ci95[1] for p in known)
     if change >= 0 or ci95[1] >= 0:
         helps, reason = False, told if known else "its parameters are not identifiable from these data"
-    elif known and all(p.ci95[0] <= neutral[p.name] <= p.ci95[1] for p in known):
+    elif contain and not (len(own) > 1 and judged.is_better):
         helps, reason = False, "its 95% intervals contain the values at which it does nothing"
     elif judged.is_worse:
         helps, reason = False, "the effect makes predictions of held-out data worse"
@@ -285,7 +286,7 @@ def _verdict(
         percent = 100 * tested.change
         helps, reason = False, "the error on the runs given as holdout rises by %.1f%%" % percent
     else:
-        helps, reason = True, told
+        helps, reason = True, told + "; only together are its parameters identifiable" * contain
     return Verdict(helps, change, ci95, reason)
 
 

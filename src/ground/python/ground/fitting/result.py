@@ -314,8 +314,8 @@ class Fit(Shown, Plotted, Estimated):
             if written:
                 finds = "rosrun ground identify diagnose BAGS --model %s -o diagnosis" % shlex.quote(written)
             return (
-                "something is missing: predictions are off by %.2g times what the mocap explains. This "
-                "finds it:\n%s" % (ratio, finds)
+                "something is missing: predictions are off by %s times what the mocap explains. This "
+                "finds it:\n%s" % (words.two_digits(ratio), finds)
             )
         if self.prediction is None:
             return "record longer runs, to see how far predictions are off"

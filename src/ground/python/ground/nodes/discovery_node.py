@@ -175,7 +175,8 @@ class DiscoveryNode:
             path = discovery_messages.planned(self._story.planned, message.header.stamp)
             self._status.publish(message)
             self._planned.publish(path)
-            self._markers.publish(discovery_markers.markers(message, self._laboratory.room))
+            follows = bool(rospy.get_param("visualizer/follow", True))
+            self._markers.publish(discovery_markers.markers(message, self._laboratory.room, follows))
 
 
 def _yield_to_other_nodes() -> None:

@@ -3,10 +3,11 @@
 import math
 import re
 from dataclasses import dataclass
-from typing import Callable, Dict, Mapping, NamedTuple, Sequence, Tuple, Union
+from typing import Callable, Dict, Iterable, Mapping, NamedTuple, Sequence, Tuple, Union
 
 from ground.effect_library import candidates
 from ground.reports.words import listed, two_digits
+from ground.support.annotations import Document
 
 
 class Estimate(NamedTuple):
@@ -264,6 +265,17 @@ def sentence(effect: str, estimates: Mapping[str, Estimate]) -> str:
     return (words.lead + listed(told)).replace("THRUSTER", effect[len(kind) + 1 :]) if told else ""
 
 
+def of_fit(effect: str, rows: Iterable[Document]) -> str:
+    """The sentence of an effect with the parameters of a fit: dictionaries with the keys name (EFFECT.NAME),
+    value, ci95, unit and identified."""
+    own = {}
+    for p in rows:
+        its, _, name = str(p["name"]).partition(".")
+        if its == effect:
+            own[name] = Estimate.of(p["value"], p["ci95"], p["unit"], p["identified"])
+    return sentence(effect, own)
+
+
 def kind_of(effect: str) -> str:
     """The name of an effect without the name of the thruster that it acts on."""
     kinds = (kind for kind in EFFECTS if effect == kind or effect.startswith(kind + "_"))
@@ -298,7 +310,7 @@ def _vector(words: Vector, estimates: Mapping[str, Estimate]) -> str:
     first, second = estimates[words.first], estimates[words.second]
     x, y = first.value, second.value
     size = math.hypot(x, y)
-    if not size > 0:
+    if first.contains(0) and second.contains(0):
         return ""
     told = words.text.replace("{}", with_unit(words.size(size), words.unit))
     # half the interval across the vector, without the correlation of its components

@@ -131,7 +131,7 @@ def motion_title(studies: Sequence[SimulatedMotion]) -> str:
     ratio = sum(first.errors.values()) / max(sum(last.errors.values()), 1e-300)
     if ratio < 1:
         return "%s; %s is no better" % (fails, last.label)
-    return "%s; %s follows the motion %.2g times as well" % (fails, last.label, ratio)
+    return "%s; %s follows the motion %s times as well" % (fails, last.label, two_digits(ratio))
 
 
 def _add_motion(

@@ -85,14 +85,14 @@ def inspect(run: _core.RunData, model: _core.Model, label: str, role: str = "fit
     )
 
 
-def lacks(study: Inspection) -> str:
-    """What the model of a study lacks: "nominal lacks a yaw moment of 0.7 mN m rms (18% of full thrust),
-    which follows the command u_L-u_R"."""
+def missing_in(study: Inspection) -> str:
+    """What is missing in the model of a study: "missing in refitted: a yaw moment of 0.7 mN m rms (18% of full
+    thrust), which follows the command u_L-u_R"."""
     channels = study.missing.numbers.channels
     name = _largest(channels)
     if channels[name].is_negligible:
-        return "%s lacks no force: what is missing is smaller than its uncertainty" % study.label
-    told = "%s lacks a %s of %s" % (study.label, FORCES[name], _size(channels[name]))
+        return "no force is missing in %s beyond the uncertainty" % study.label
+    told = "missing in %s: a %s of %s" % (study.label, FORCES[name], _size(channels[name]))
     followed = _followed(study.residuals.channels, residuals.commands(study.model))
     if followed and CHANNELS[followed.channel] == name:
         told += ", which follows the command %s%s" % (followed.command, followed.later)

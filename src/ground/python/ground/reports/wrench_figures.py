@@ -63,7 +63,7 @@ def wrench_over_time(studies: Sequence[Inspection]) -> Plotly:
         "estimate. Grey: left out, because no input explains the motion (contact, hand, wrong poses). "
         "Map: mean missing force in the axes of world_ned, place by place." % run.name
     )
-    return figure.finish(540, caption, title=capital(inspection.lacks(studies[0])))
+    return figure.finish(540, caption, title=capital(inspection.missing_in(studies[0])))
 
 
 def _add_force_map(figure: Panels, studies: Sequence[Inspection]) -> None:
