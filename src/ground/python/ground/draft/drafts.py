@@ -57,8 +57,10 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
         lines += ["#     %s" % line for c in every for line in _ranges(c)]
     lines += ["# Each of %d tables has poses and commands and is read as a run." % len(runs)] if runs else []
     lines += ["types: [%s]" % ", ".join(map(clocks.quoted, types))] if types else []
-    lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder))]
-    lines += ["commands:", *("  " + line for line in _command_lines(other, every, in_folder))]
+    commanded = ["  " + line for line in _command_lines(other, every, in_folder)]
+    is_sided = all(any(line.startswith("    %s: " % side) for line in commanded) for side in ("left", "right"))
+    lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder, is_sided))]
+    lines += ["commands:", *commanded]
     return "\n".join(lines) + "\n"
 
 
@@ -218,7 +220,9 @@ def _place(candidates: Sequence[Seen], in_folder: bool, is_whole: bool = True) -
         yield "# %sothers that could be it: %s" % (MARK, others)
 
 
-def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
+def _pose_lines(candidates: Sequence[Seen], in_folder: bool, is_sided: bool) -> Iterator[str]:
+    """Keys of the likeliest poses. is_sided: whether commands are named left and right, so that the motion
+    verifies which way headings count."""
     if not candidates:
         yield "topic: ''  # %snothing seems to have poses; name the fields that have them:" % MARK
         yield "# position: {fields: [X, Y], unit: m}"
@@ -235,12 +239,24 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
         headings = _other_headings(chosen, pose)
         if headings:
             yield "# %sother headings: %s" % (MARK, ", ".join(headings))
+    yield from _valid_lines(chosen)
     if len(pose.rotation) == 4:
         yield from _whole_lines(chosen, pose)
     else:
-        yield from _planar_lines(chosen, pose)
+        yield from _planar_lines(chosen, pose, is_sided)
     if chosen.clock:
         yield "time: %s" % chosen.clock
+
+
+def _valid_lines(seen: Seen) -> Iterator[str]:
+    """The flag of rows that have a pose; in doubt where it may be of something else."""
+    flags = [name for name in seen.whole if words.VALID & set(words.split(name))]
+    flags = [name for name in flags if set(levels.finite(seen.whole[name])) == {0.0, 1.0}]
+    for number, name in enumerate(flags):
+        others = set(words.split(name)) - words.VALID - words.MEASURED - words.PLACED - words.TURNED - {"is"}
+        mark = MARK if len(flags) > 1 or others else ""
+        share = 100 * np.mean(levels.finite(seen.whole[name]))
+        yield "%svalid: %s  # %s1 in %.0f%% of the rows" % ("# " * (number > 0), clocks.quoted(name), mark, share)
 
 
 def _other_headings(seen: Seen, pose: sightings.PoseColumns) -> List[str]:
@@ -319,7 +335,7 @@ def _flat(pose: sightings.PoseColumns, position: Array) -> Tuple[sightings.PoseC
     return pose, position[:, flat], line
 
 
-def _planar_lines(seen: Seen, pose: sightings.PoseColumns) -> Iterator[str]:
+def _planar_lines(seen: Seen, pose: sightings.PoseColumns, is_sided: bool) -> Iterator[str]:
     """Keys of a pose with a heading; the motion decides how the heading counts, where it does."""
     times, position, rotation = seen.rows(pose)
     known = seen.kind in pose_columns.KINDS
@@ -346,6 +362,8 @@ def _planar_lines(seen: Seen, pose: sightings.PoseColumns) -> Iterator[str]:
     elif pose.kind != "xy":
         is_north = turn.is_clear and abs(turn.offset) < NORTH
         why += ", %staken for clockwise from north" % ("" if is_north else MARK)
+    elif MARK not in frame and not is_sided and not {"ned", "enu"} & set(words.split(name)):
+        why += ", %staken to count as the frame of the position does" % MARK
     names = "" if known else "fields: [%s], " % ", ".join(map(clocks.quoted, fields))
     yield _position_line(names, unit, why_unit, pose, position)
     if not known:

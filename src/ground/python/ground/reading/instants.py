@@ -15,7 +15,7 @@ from ground.support.errors import GroundError
 if TYPE_CHECKING:
     import pandas
 
-LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
+EARLIEST, LATEST = 9 * 10**17, 2**32 * 10**9  # of this century; seconds of ROS have 32 bits [ns]
 DAY = 86400 * 10**9  # [ns]
 RESTART = 5 * 10**8  # a clock that goes back by more starts anew [ns]
 MANY_LOST = 3  # rows for each stamp from which the stamps have lost digits
@@ -120,9 +120,11 @@ def _of_numbers(
         known &= finite
         far = finite & ((numbers < 0) | (numbers * factor >= LATEST))
         if far.any() and clock.rate == 0 and (numbers[far] >= 0).any():
+            other = since_1970(numbers[far][0])
             raise GroundError(
                 "%s: a time is %g %s, which is not between 1970 and 2106; the key unit of the "
-                "mapping's time may be wrong%s" % (where, numbers[far][0], unit, _better(numbers[far][0]))
+                "mapping's time may be wrong%s"
+                % (where, numbers[far][0], unit, other and ": it is a time since 1970 in " + other)
             )
         if values.dtype.kind in "iu" and float(factor).is_integer():  # more digits than a float
             total += _unwrapped(np.asarray(values, np.int64), notes) * int(factor)
@@ -150,12 +152,10 @@ def _unwrapped(counts: Indices, notes: List[str]) -> Indices:
     return counts
 
 
-def _better(value: float) -> str:
-    """The unit in which a number is a time of this century."""
-    for unit, factor in TIMES.items():
-        if 9e8 * 1e9 < value * factor < LATEST:
-            return ": it is a time since 1970 in %s" % unit
-    return ""
+def since_1970(value: float) -> str:
+    """The unit in which a number is a time of this century; empty: in none."""
+    units = ("s", "ms", "us", "ns")
+    return next((unit for unit in units if EARLIEST < value * TIMES[unit] < LATEST), "")
 
 
 def _unpadded(texts: Column, where: str) -> Tuple[Indices, Flags]:

@@ -94,6 +94,8 @@ SENSED = set(
     fix gps roll pitch depth pressure humidity light sensor measured meas
     """.split()
 )
+VALID = {"valid", "tracked", "tracking", "visible"}  # flags of rows that have a pose
+SENSED |= VALID
 STRONG = set(
     """
     thruster thrusters thr thrust motor motors pwm valve valves rudder rudders prop propeller
