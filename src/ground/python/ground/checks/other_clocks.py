@@ -17,10 +17,9 @@ HONEST_LAGS = np.arange(-0.03, 0.155, 0.01)  # that one clock explains [s]
 FAR_LAGS = np.arange(-5.0, 5.01, 0.02)  # where clocks differ [s]
 RATES = np.arange(-0.012, 0.0121, 0.002)  # tried drifts of clocks [s/s]
 DRIFT_LAGS = np.arange(-0.4, 0.61, 0.05)  # tried beside them, in the middle of a run [s]
-# Faster drifts, as of a wrong rate of frames, are of clocks that begin together: least and largest [s/s], the
-# least step between two, by what it moves the end of a run [s], and the lags tried beside them at the begin [s]
-FAST_RATES, FINEST, END_STEP = (0.014, 0.05), 0.002, 0.1
-BEGIN_LAGS = np.arange(-0.1, 0.31, 0.05)
+FAST_RATES = (0.014, 0.05)  # tried drifts of clocks that begin together, as by a wrong rate of frames [s/s]
+FAST_STEP, END_STEP = 0.002, 0.1  # between these: least step [s/s], or what moves the end of a run by [s]
+BEGIN_LAGS = np.arange(-0.1, 0.31, 0.05)  # tried beside them, at the begin [s]
 MIN_SHARE = 0.2  # least share of the accelerations that the commands explain by another clock
 MIN_DRIFTING = 16.0  # length of a run from which a drift is looked for [s]
 
@@ -80,7 +79,7 @@ def find(recording: Recording) -> List[CommandClock]:
 
     found = []
     length = float(np.ptp(times))
-    fast = np.arange(*FAST_RATES, max(FINEST, END_STEP / length))
+    fast = np.arange(*FAST_RATES, max(FAST_STEP, END_STEP / length))
     begins = itertools.product(BEGIN_LAGS.tolist(), [*fast.tolist(), *(-fast).tolist()])
     drifting = [*itertools.product(DRIFT_LAGS.tolist(), RATES.tolist())]
     drifting += [(lag + 0.5 * rate * length, rate) for lag, rate in begins]

@@ -71,10 +71,9 @@ def _clocks(
     """Clocks that a table may have, the likeliest first, and the rest of their keys."""
     names = list(columns)
     for seconds in names:
-        found = words.split(seconds.replace("nsec", "nano"))
         for end, rest in (("secs", "nsecs"), ("sec", "nanosec"), ("sec", "nsec"), ("s", "ns")):
             other = seconds[: -len(end)] + rest if seconds.endswith(end) else ""
-            if other in numbers and seconds in numbers and found:
+            if other in numbers and seconds in numbers:
                 yield Clock(field=seconds, unit="s", nanoseconds=other), ", unit: s"
     likely = [(_time_worth(name), -names.index(name), name) for name in names]
     for worth, _, name in sorted(likely, reverse=True):
@@ -146,14 +145,8 @@ def _time_worth(name: str) -> float:
     found = words.split(name)
     if not set(found) & words.TIME:
         return 0.0
-    unlike = len(set(found) & words.OTHER_TIMES)
-    return (
-        3.0
-        - 0.2 * len(found)
-        - unlike
-        - 2.5 * (found == ["date"])
-        - 0.5 * bool({"dt", "interval"} & set(found))
-    )
+    unlike = len(set(found) & words.OTHER_TIMES) + 0.5 * bool({"dt", "interval"} & set(found))
+    return 3.0 - 0.2 * len(found) - unlike - 2.5 * (found == ["date"])
 
 
 def _rising(numbers: Mapping[str, Array]) -> List[str]:
@@ -177,23 +170,14 @@ def _given_unit(name: str, units: Mapping[str, str]) -> str:
 
 def _time_unit(values: Array) -> str:
     """By its size if it is a time since 1970, or its steps."""
-    if _are_days(values):
+    steps = np.diff(values)
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    if instants.first_day(values) and step < LONGEST / 86400:
         return "days"
     since = instants.since_1970(values[0])
     if since:
         return since
-    steps = np.diff(values)
-    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     return "s" if step <= 1 else "ms" if step < 1000 else "us" if step < 1e6 else "ns"
-
-
-def _are_days(values: Array) -> bool:
-    """Whether times are days as Excel or Matlab count them."""
-    steps = np.diff(values)
-    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
-    return any(low < values.min() and values.max() < high for low, high in instants.CALENDARS) and (
-        usual < LONGEST / 86400
-    )
 
 
 def quoted(name: str) -> str:

@@ -39,7 +39,7 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
     other = [c for c in scored if c is not chosen or c.kind == TABLE]
     if in_folder and chosen is not None:
         flown = chosen.times
-        other.sort(key=lambda c: not _covers(c.times, flown))
+        other.sort(key=lambda c: not several.covers(c.times, flown, 0.5))
     runs = _runs(with_poses, scored) if in_folder else []
     if runs:
         every_run = {path: np.concatenate([run.whole[path] for run in runs]) for path in runs[0].whole}
@@ -58,19 +58,10 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
     lines += ["# Each of %d tables has poses and commands and is read as a run." % len(runs)] if runs else []
     lines += ["types: [%s]" % ", ".join(map(clocks.quoted, types))] if types else []
     commanded = ["  " + line for line in _command_lines(other, every, in_folder)]
-    is_sided = all(any(line.startswith("    %s: " % side) for line in commanded) for side in ("left", "right"))
+    is_sided = {"left", "right"} <= {line.split(":")[0].strip() for line in commanded}
     lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder, is_sided))]
     lines += ["commands:", *commanded]
     return "\n".join(lines) + "\n"
-
-
-def _covers(times: Array, span: Array) -> bool:
-    """Whether some times (n,) cover half of the span of others (m,), both in [s]."""
-    times, span = times[np.isfinite(times)], span[np.isfinite(span)]
-    if not len(times) or not len(span):
-        return False
-    both = min(times.max(), span.max()) - max(times.min(), span.min())
-    return bool(both > 0.5 * np.ptp(span))
 
 
 def _runs(with_poses: Sequence[Seen], scored: Sequence[Seen]) -> List[Seen]:
@@ -206,14 +197,12 @@ def _ranges(seen: Seen) -> Iterator[str]:
 def _place(candidates: Sequence[Seen], in_folder: bool, is_whole: bool = True) -> Iterator[str]:
     """Where poses or commands are. is_whole: whether they are all there."""
     seen = candidates[0]
-    if not is_whole:
-        yield from ()
-    elif seen.kind != TABLE:
+    if is_whole and seen.kind != TABLE:
         yield "topic: %s" % clocks.quoted(seen.topic)
         yield "type: %s" % seen.kind
         if seen.body:
             yield "body: %s" % clocks.quoted(seen.body)
-    elif in_folder:
+    elif is_whole and in_folder:
         yield "file: %s" % clocks.quoted(seen.topic)
     if len(candidates) > 1:
         others = ", ".join("%s (%s)" % (c.name, c.kind) for c in candidates[1:])
@@ -256,7 +245,8 @@ def _valid_lines(seen: Seen) -> Iterator[str]:
         others = set(words.split(name)) - words.VALID - words.MEASURED - words.PLACED - words.TURNED - {"is"}
         mark = MARK if len(flags) > 1 or others else ""
         share = 100 * np.mean(levels.finite(seen.whole[name]))
-        yield "%svalid: %s  # %s1 in %.0f%% of the rows" % ("# " * (number > 0), clocks.quoted(name), mark, share)
+        line = "%svalid: %s  # %s1 in %.0f%% of the rows"
+        yield line % ("# " * (number > 0), clocks.quoted(name), mark, share)
 
 
 def _other_headings(seen: Seen, pose: sightings.PoseColumns) -> List[str]:
@@ -312,9 +302,8 @@ def _upward(pose: sightings.PoseColumns, mark: str) -> str:
 
 def _flat(pose: sightings.PoseColumns, position: Array) -> Tuple[sightings.PoseColumns, Array, str]:
     """A pose by its two horizontal fields, their values (n, 2), and its frame in a line."""
-    is_named = all("ned" in words.split(path) for path in pose.position)
-    turns = ("" if is_named else MARK) + "where headings are counter-clockwise from above"
     named = [words.split(path) for path in pose.position]
+    turns = MARK * any("ned" not in own for own in named) + "where headings are counter-clockwise from above"
     if all("enu" in own for own in named) or ("east" in named[0] and "north" in named[1]):
         level = sightings.PoseColumns(pose.position[:2], pose.rotation, pose.kind)
         return level, position[:, :2], "%s  # the names say that z is up" % _upward(level, "")
@@ -347,7 +336,7 @@ def _planar_lines(seen: Seen, pose: sightings.PoseColumns, is_sided: bool) -> It
     said = "rad" if known else seen.units.get(name, "")
     turn_unit, turn = _heading_unit(said, times, metres, rotation[:, 0])
     fields, sign, offset, why = pose.position, 1, "", ""
-    if said not in ANGLES and not _wraps(rotation[:, 0], math.tau / ANGLES[turn_unit]):
+    if said not in ANGLES and not units.wraps(rotation[:, 0], math.tau / ANGLES[turn_unit]):
         why = ", %sno unit is given" % MARK
     if turn.is_clear and turn.sign < 0:
         sideways = abs(abs(turn.offset) - math.pi / 2) < math.pi / 4
@@ -380,21 +369,12 @@ def _heading_unit(said: str, times: Array, position: Array, headings: Array) -> 
         unit: sightings.against_course(position, factor * np.asarray(headings))
         for unit, factor in (("rad", 1.0), ("deg", math.pi / 180))
     }
-    if said in turns:
-        return said, turns[said]
-    largest = np.abs(headings).max()
-    if largest <= 2 * math.pi + 0.01:
-        return "rad", turns["rad"]
-    better = turns["deg"].resultant > turns["rad"].resultant
+    largest, better = np.abs(headings).max(), turns["deg"].resultant > turns["rad"].resultant
     far = abs(headings[0]) > 2 * math.pi
-    degrees = units.in_degrees(times, headings) or far or (better and largest < 361)
-    return ("deg", turns["deg"]) if degrees else ("rad", turns["rad"])
-
-
-def _wraps(headings: Array, turn: float) -> bool:
-    """Whether headings within a turn step by a turn in their unit, as in no other unit of angles."""
-    steps = np.abs(np.diff(headings))
-    return bool(np.ptp(headings) <= turn and (np.abs(steps - turn) < turn / 6).any())
+    degrees = far or units.in_degrees(times, headings) or (better and largest < 361)
+    unit = "deg" if largest > 2 * math.pi + 0.01 and degrees else "rad"
+    unit = said if said in turns else unit
+    return unit, turns[unit]
 
 
 def _free(seen: Seen) -> Dict[str, Array]:

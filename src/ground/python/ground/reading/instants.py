@@ -20,7 +20,8 @@ DAY = 86400 * 10**9  # [ns]
 RESTART = 5 * 10**8  # a clock that goes back by more starts anew [ns]
 MANY_LOST = 3  # rows for each stamp from which the stamps have lost digits
 UNPADDED = "unpadded"
-CALENDARS = {(3e4, 8e4): 25569, (7e5, 8e5): 719529}  # days of Excel and of Matlab: the day 1970-01-01
+# Days of Excel and of Matlab, and their day 1970-01-01
+CALENDARS = ((3e4, 8e4, 25569), (7e5, 8e5, 719529))
 # Times as text that need no format: the year first, or no date
 FORM = re.compile(
     r"\s*(?:(?P<y>\d{4})([-/.]?)(?P<mo>\d\d?)\2(?P<d>\d\d?)(?:\s*T|[\s,_-]+|$))?"
@@ -111,7 +112,8 @@ def _of_numbers(
     known, total = np.ones(len(given), bool), np.zeros(len(given), np.int64)
     parts: List[Tuple[Column, float]] = [(given, 1e9 / clock.rate if clock.rate else TIMES[unit])]
     if unit == "days":
-        parts = [(_since_1970(given), TIMES[unit])]
+        numbers = np.asarray(given, float)
+        parts = [(numbers - first_day(numbers), TIMES[unit])]
     if clock.nanoseconds:
         parts.append((containers.values(columns, [clock.nanoseconds], where)[:, 0], 1.0))
     for values, factor in parts:
@@ -133,11 +135,10 @@ def _of_numbers(
     return total, known
 
 
-def _since_1970(days: Column) -> Column:
-    """Days since 1970 of those that Excel or Matlab count; others are left as they are."""
-    numbers = np.asarray(days, float)
-    first = numbers[np.isfinite(numbers)][:1]
-    return numbers - sum(zero for (low, high), zero in CALENDARS.items() if low < first.sum() < high)
+def first_day(days: Array) -> int:
+    """The day 1970-01-01 in the calendar of Excel or Matlab that days (n,) count in; 0: in neither."""
+    ends = np.nanmin(days), np.nanmax(days)
+    return next((first for low, high, first in CALENDARS if low < ends[0] and ends[1] < high), 0)
 
 
 def _unwrapped(counts: Indices, notes: List[str]) -> Indices:

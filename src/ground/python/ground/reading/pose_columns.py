@@ -176,19 +176,19 @@ def read(
 
 
 def _untracked(position: Array) -> Flags:
-    """Which positions (n, k) are the zeros of a body that is lost: the craft would leap to them from the
-    position before, and from them to the next one."""
+    """Which positions (n, k) are the zeros of a body that is lost: the craft would leap from them to the next
+    position, as it does not after a reset of the origin, or to them at the end."""
     found = np.zeros(len(position), bool)
     known = np.flatnonzero(np.isfinite(position).all(axis=1))
     is_zero = (position[known] == 0).all(axis=1)
-    if is_zero.all() or not is_zero.any():
-        return found
     steps = np.linalg.norm(np.diff(position[known], axis=0), axis=1)
     moves = steps[~is_zero[1:] & ~is_zero[:-1]]
-    leaps = steps > LEAP * (np.quantile(moves, USUAL) if len(moves) else np.inf)
+    if not is_zero.any() or not len(moves):
+        return found
+    leaps = steps > LEAP * np.quantile(moves, USUAL)
     for some in np.split(np.arange(len(known)), np.flatnonzero(np.diff(is_zero)) + 1):
-        ends = leaps[max(some[0] - 1, 0) : some[0]], leaps[some[-1] : some[-1] + 1]
-        found[known[some]] = is_zero[some[0]] and all(end.all() for end in ends)
+        end = some[-1] if some[-1] < len(leaps) else some[0] - 1
+        found[known[some]] = is_zero[some[0]] and leaps[end]
     return found
 
 

@@ -96,9 +96,7 @@ class Recording(Plotted):
     payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
     voltage: "Optional[Voltage]" = None  #: of the craft's battery, if recorded
     digest: str = ""  #: of the content of the files that it was read from; empty: none
-    mapping: str = (
-        ""  #: text of the mapping that was drafted to read it; empty: it was given, or none is needed
-    )
+    mapping: str = ""  #: text of the mapping that was drafted to read it; empty: none was drafted
     # of the mocap, as all runs of one call say together; empty: as this run says
     decided: "Tuple[Optional[LowPass], ...]" = ()
     known: Dict[str, Any] = field(default_factory=dict, init=False)  #: results of `once`, no part of the run
