@@ -262,6 +262,8 @@ OTHERS = [
     case("swapped, 8 s", swapped, SWAPPED, duration=8.0),
     case("left inverted, asymmetry", inverted(1), r"left seems to be inverted",
          effects={"thrust_asymmetry.a": 0.15}),
+    case("drift 3%", clock(0, 0.03), r"clock_drift: -0\.0(2[789]|3[01])"),
+    case("drift -4%, 40 s", clock(0, -0.04), r"clock_drift: 0\.0(39|4[0123])", duration=40.0),
 ]  # fmt: skip
 HONEST = [
     case("honest", nothing),

@@ -86,11 +86,22 @@ def drifted(run):
     return run.psi + 0.03 * (run.times - run.times[0])
 
 
+def ticks(run):
+    """Times in counts of 0.1 ms."""
+    return {"t": numbers(1e4 * (run.times - run.times[0]), "%.0f")}
+
+
 @pytest.mark.parametrize(
     "line, names, changed",
     [
         ("left: .*undecided: .* it never rests at 0", NAMES, lambda r: {"left": 2 * r.left - 1}),
         ("left: .*undecided: 5 to 10", NAMES.replace("left", "left [%]"), lambda r: {"left": 5 + 5 * r.left}),
+        ("time: .*undecided: no unit .* by ms, 10 rows", NAMES.replace("t [s]", "time"), ticks),
+        (
+            "heading: .*undecided: taken to count as the frame",
+            "t [s]|x_ned [m]|y_ned [m]|yaw [rad]|motor_a|motor_b",
+            lambda r: {"psi": -r.psi},
+        ),
         ("time: .*undecided: by s, 0.1 rows", NAMES, lambda r: {"t": 1e3 * (r.times - r.times[0])}),
         ("other headings: heading .rad.", NAMES + "|heading [rad]", lambda r: {"heading": drifted(r)}),
         (
@@ -125,6 +136,46 @@ def test_names_that_the_motion_refutes_are_refused(run, tmp_path):
     assert len(sound) == 1
     swapped = told(run, names, left=run.right, right=run.left)
     assert "swapped" in refusal(written(tmp_path, swapped))
+
+
+@pytest.mark.parametrize("flag", ["", "mocap_valid"])
+@pytest.mark.parametrize("lost", [slice(0, 90), slice(400, 460), slice(900, None)])
+def test_poses_of_a_body_that_is_lost_are_left_out(run, tmp_path, flag, lost):
+    """They are zeros, or a flag says that they are none."""
+    is_lost = np.zeros(len(run.x), bool)
+    is_lost[lost] = True
+    columns = {
+        name: np.where(is_lost, 0.7 * bool(flag), getattr(run, name) + 0.5) for name in ("x", "y", "psi")
+    }
+    further = {flag: 1.0 - is_lost} if flag else {}
+    found = ground.read(written(tmp_path, {**told(run, **columns), **further}))[0]
+    assert found.pose_times == pytest.approx(run.times[~is_lost], abs=2e-6)
+    assert found.eta[:, 0] == pytest.approx(run.x[~is_lost] + 0.5, abs=1e-6)
+
+
+def test_a_craft_that_rests_at_zero_is_not_lost(run, tmp_path):
+    """As of a simulation without noise."""
+    still = np.arange(len(run.x)) < 50
+    columns = {name: np.where(still, 0.0, getattr(run, name)) for name in ("x", "y", "psi")}
+    (found,) = ground.read(written(tmp_path, told(run, **columns)))
+    assert len(found.eta) == len(run.x)
+
+
+def test_a_flag_that_may_be_of_something_else_is_to_decide(run, tmp_path):
+    columns = {**told(run), "lidar_valid": 1.0 * (np.arange(len(run.x)) % 100 > 3)}
+    assert re.search(
+        "to decide in it: .*valid: lidar_valid  # undecided", refusal(written(tmp_path, columns))
+    )
+
+
+def test_clocks_that_drift_apart_are_refused_with_the_key_that_corrects_them(tmp_path):
+    run = Run(duration=25.0)
+    poses = ("t [s]", "x [m]", "y [m]", "psi [rad]")
+    columns = told(run, t=run.times[0] + 1.03 * (run.times - run.times[0]))
+    written(tmp_path, {name: columns[name] for name in poses}, name="pose.csv")
+    commands = {name: column for name, column in told(run).items() if name not in poses[1:]}
+    written(tmp_path, commands, name="cmd.csv")
+    assert re.search(r"to decide in it: .*clock_drift: -0\.0(28|29|30)", refusal(tmp_path))
 
 
 def test_a_mapping_that_is_given_is_not_drafted(run, tmp_path):

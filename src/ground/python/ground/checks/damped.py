@@ -105,10 +105,8 @@ def _shares(runs: Sequence[_Run], constant: float) -> List[float]:
     """Shares of forces and turns that commands explain with a time constant [s]."""
     commands = np.concatenate([run.commands for run in runs])
     wanted = np.concatenate([run.accelerations + run.velocities / constant for run in runs])
-    left, whole = (
-        (kinematics.residuals(commands, wanted) ** 2).sum(axis=0),
-        np.maximum((wanted**2).sum(axis=0), 1e-300),
-    )
+    left = (kinematics.residuals(commands, wanted) ** 2).sum(axis=0)
+    whole = np.maximum((wanted**2).sum(axis=0), 1e-300)
     return [1 - float(left[some].sum() / whole[some].sum()) for some in (slice(0, 2), slice(2, 3))]
 
 

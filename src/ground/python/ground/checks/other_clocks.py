@@ -17,6 +17,9 @@ HONEST_LAGS = np.arange(-0.03, 0.155, 0.01)  # that one clock explains [s]
 FAR_LAGS = np.arange(-5.0, 5.01, 0.02)  # where clocks differ [s]
 RATES = np.arange(-0.012, 0.0121, 0.002)  # tried drifts of clocks [s/s]
 DRIFT_LAGS = np.arange(-0.4, 0.61, 0.05)  # tried beside them, in the middle of a run [s]
+FAST_RATES = (0.014, 0.05)  # tried drifts of clocks that begin together, as by a wrong rate of frames [s/s]
+FAST_STEP, END_STEP = 0.002, 0.1  # between these: least step [s/s], or what moves the end of a run by [s]
+BEGIN_LAGS = np.arange(-0.1, 0.31, 0.05)  # tried beside them, at the begin [s]
 MIN_SHARE = 0.2  # least share of the accelerations that the commands explain by another clock
 MIN_DRIFTING = 16.0  # length of a run from which a drift is looked for [s]
 
@@ -75,11 +78,15 @@ def find(recording: Recording) -> List[CommandClock]:
         return float(blocks.mean() / error) if error > 0 else 0.0
 
     found = []
-    for lags, rates in ((DRIFT_LAGS, RATES), (FAR_LAGS, np.zeros(1))):
-        drifts = len(rates) > 1
-        if drifts and np.ptp(times) < MIN_DRIFTING:
+    length = float(np.ptp(times))
+    fast = np.arange(*FAST_RATES, max(FAST_STEP, END_STEP / length))
+    begins = itertools.product(BEGIN_LAGS.tolist(), [*fast.tolist(), *(-fast).tolist()])
+    drifting = [*itertools.product(DRIFT_LAGS.tolist(), RATES.tolist())]
+    drifting += [(lag + 0.5 * rate * length, rate) for lag, rate in begins]
+    for ways, drifts in ((drifting, True), ([(lag, 0.0) for lag in FAR_LAGS.tolist()], False)):
+        if drifts and length < MIN_DRIFTING:
             continue
-        best = min(itertools.product(lags.tolist(), rates.tolist()), key=size)
+        best = min(ways, key=size)
         for step in 0.5 ** np.arange(5) * drifts:
             around = itertools.product((-0.05, -0.025, 0, 0.025, 0.05), (-0.002, -0.001, 0, 0.001, 0.002))
             best = min(((best[0] + step * a, best[1] + step * b) for a, b in around), key=size)

@@ -5,7 +5,7 @@ Recording in CHECKS.
 """
 
 from dataclasses import asdict, dataclass, replace
-from typing import Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -245,14 +245,7 @@ def alone(recording: Recording, thrusters: Thrusters) -> Optional[layouts.Layout
     return found
 
 
-CHECKS: Sequence[Callable[[Recording], Iterator[Suspicion]]] = (
-    lengths,
-    smoothing,
-    missing,
-    clocks,
-    forces,
-    directions,
-)
+CHECKS = (lengths, smoothing, missing, clocks, forces, directions)
 
 
 def _angles(recordings: Sequence[Recording], model: _core.Model) -> Iterator[Suspicion]:

@@ -36,7 +36,9 @@ def read(path: str, given: FieldMapping, why: GroundError) -> List[Recording]:
     found = [runs for runs in tried if runs and all(_fits(run, is_complete=not left) for run in runs)]
     if len(found) == 1 and (found[0] is tried[0] or not undecided.is_height_clear(text)):
         return found[0]
-    left = left or [one.sentence for runs in tried for run in runs for one in _misread(run)]
+    doubts = [one for runs in tried for run in runs for one in _misread(run)]
+    # The frame that is left to decide is wrong in one of the tried ways.
+    left += dict.fromkeys(one.sentence for one in doubts if not left or one.kind not in layouts.GRAVEST)
     if not left:
         raise why
     more = " | and %d more" % (len(left) - MAX_NAMED) if len(left) > MAX_NAMED else ""
@@ -58,16 +60,15 @@ def _read(path: str, text: str, options: FieldMapping) -> List[Recording]:
 
 
 def _misread(run: Recording) -> List[suspicions.Suspicion]:
-    """What the motion says against the channels and the frame of a run."""
-    return [one for one in suspicions.about([run], None) if one.kind in layouts.GRAVEST]
+    """What the motion says against units, clocks, channels and frame of a run."""
+    found = suspicions.about([run], None)
+    return [one for one in found if one.misread or one.kind in layouts.GRAVEST]
 
 
 def _fits(run: Recording, is_complete: bool) -> bool:
     """Whether the motion does not refute a run's channels and frame; where the draft is not complete, whether
     it refutes every other way to read them. Only what left and right do is known without a model."""
     thrusters = suspicions.judged_by([run], None)
-    if not thrusters:
-        return is_complete
-    verdict = suspicions.alone(run, thrusters)
+    verdict = suspicions.alone(run, thrusters) if thrusters else None
     is_decided = verdict is not None and verdict.is_as_recorded and not verdict.undecided
     return (is_complete or is_decided) and not _misread(run)

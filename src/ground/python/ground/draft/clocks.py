@@ -44,7 +44,7 @@ def find(
         times, comment = np.where(known, containers.seconds(stamps), np.nan), ""
         try:
             instants.check(columns, clock, stamps, known, topic)
-            doubt = _doubt(columns, clock, fields, times, values, units.get(clock.field, ""))
+            doubt = _doubt(columns, clock, fields, times, values, _given_unit(clock.field, units))
             comment = "  # %s%s" % (MARK, doubt) if doubt else ""
         except GroundError as error:
             comment = "  # %s%s" % (MARK, error)
@@ -71,10 +71,9 @@ def _clocks(
     """Clocks that a table may have, the likeliest first, and the rest of their keys."""
     names = list(columns)
     for seconds in names:
-        found = words.split(seconds.replace("nsec", "nano"))
         for end, rest in (("secs", "nsecs"), ("sec", "nanosec"), ("sec", "nsec"), ("s", "ns")):
             other = seconds[: -len(end)] + rest if seconds.endswith(end) else ""
-            if other in numbers and seconds in numbers and found:
+            if other in numbers and seconds in numbers:
                 yield Clock(field=seconds, unit="s", nanoseconds=other), ", unit: s"
     likely = [(_time_worth(name), -names.index(name), name) for name in names]
     for worth, _, name in sorted(likely, reverse=True):
@@ -86,7 +85,7 @@ def _clocks(
             still = len(values) < 2 or (np.ptp(values) <= 0 and values[0] < 1e8) or (steps >= 0).mean() < 0.5
             if still and not _is_date(name):
                 continue
-            unit = _time_unit(name, units.get(name, ""), values)
+            unit = _given_unit(name, units) or _time_unit(values)
             yield Clock(field=name, unit=unit), ", unit: %s" % unit
         elif columns[name].dtype == object:
             dates = [n for n in names if _is_date(n) and n != name]
@@ -97,7 +96,7 @@ def _clocks(
                     yield replace(clock, format=form), ', format: "%s"' % form
     for name in _rising(numbers):
         if not set(words.split(name)) & (words.FRAMES | words.MOTION) and not words.axis(name)[0]:
-            unit = _time_unit(name, "", numbers[name])
+            unit = _time_unit(numbers[name])
             yield Clock(field=name, unit=unit), ", unit: %s" % unit
 
 
@@ -122,10 +121,19 @@ def _doubt(
         return "others that could be it: %s" % ", ".join(rivals)
     steps = np.diff(times[np.isfinite(times)])
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    rate = "by %s, %.3g rows come in a second" % (clock.unit, 1 / usual)
     if said:
-        return "" if 1 / usual > SELDOM else "by %s, %.3g rows come in a second" % (said, 1 / usual)
-    is_usual = not clock.unit or RATES[0] < 1 / usual < RATES[1]
-    return "" if is_usual else "no unit is given, and %.3g rows come in a second" % (1 / usual)
+        return "" if 1 / usual > SELDOM else rate
+    if not clock.unit or (RATES[0] < 1 / usual < RATES[1] and not _are_ticks(clock, numbers)):
+        return ""
+    return "no unit is given; " + rate
+
+
+def _are_ticks(clock: Clock, numbers: Mapping[str, Array]) -> bool:
+    """Whether times are whole numbers that may count any ticks, because they do not count from 1970."""
+    values = numbers[clock.field][np.isfinite(numbers[clock.field])]
+    is_whole = not clock.nanoseconds and not (values % 1).any()
+    return bool(is_whole and instants.since_1970(values[0]) != clock.unit)
 
 
 def _is_date(name: str) -> bool:
@@ -137,14 +145,8 @@ def _time_worth(name: str) -> float:
     found = words.split(name)
     if not set(found) & words.TIME:
         return 0.0
-    unlike = len(set(found) & words.OTHER_TIMES)
-    return (
-        3.0
-        - 0.2 * len(found)
-        - unlike
-        - 2.5 * (found == ["date"])
-        - 0.5 * bool({"dt", "interval"} & set(found))
-    )
+    unlike = len(set(found) & words.OTHER_TIMES) + 0.5 * bool({"dt", "interval"} & set(found))
+    return 3.0 - 0.2 * len(found) - unlike - 2.5 * (found == ["date"])
 
 
 def _rising(numbers: Mapping[str, Array]) -> List[str]:
@@ -160,30 +162,22 @@ def _rises(values: Array, repeats: bool = False) -> bool:
     return bool(((steps >= 0) if repeats else (steps > 0)).mean() > 0.95 and np.ptp(values) > 0)
 
 
-def _time_unit(name: str, said: str, values: Array) -> str:
-    """By the file, its size if it is a time since 1970, or its steps."""
-    if said in TIMES:
-        return said
-    named = words.unit(words.split(name)[-1]) if words.split(name) else ""
-    if named in ("ms", "us", "ns"):  # millis, micros
-        return named
-    if _are_days(values):
-        return "days"
-    for unit, since in (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8)):
-        if values[0] > since:
-            return unit
+def _given_unit(name: str, units: Mapping[str, str]) -> str:
+    """The unit that the file gives a time, or its own name: millis, micros; empty without one."""
+    named = units.get(name, "") or words.unit("".join(words.split(name)[-1:]))
+    return named if named in TIMES else ""
+
+
+def _time_unit(values: Array) -> str:
+    """By its size if it is a time since 1970, or its steps."""
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    if instants.first_day(values) and step < LONGEST / 86400:
+        return "days"
+    since = instants.since_1970(values[0])
+    if since:
+        return since
     return "s" if step <= 1 else "ms" if step < 1000 else "us" if step < 1e6 else "ns"
-
-
-def _are_days(values: Array) -> bool:
-    """Whether times are days as Excel or Matlab count them."""
-    steps = np.diff(values)
-    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
-    return any(low < values.min() and values.max() < high for low, high in instants.CALENDARS) and (
-        usual < LONGEST / 86400
-    )
 
 
 def quoted(name: str) -> str:

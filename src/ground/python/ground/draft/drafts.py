@@ -39,7 +39,7 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
     other = [c for c in scored if c is not chosen or c.kind == TABLE]
     if in_folder and chosen is not None:
         flown = chosen.times
-        other.sort(key=lambda c: not _covers(c.times, flown))
+        other.sort(key=lambda c: not several.covers(c.times, flown, 0.5))
     runs = _runs(with_poses, scored) if in_folder else []
     if runs:
         every_run = {path: np.concatenate([run.whole[path] for run in runs]) for path in runs[0].whole}
@@ -57,18 +57,11 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
         lines += ["#     %s" % line for c in every for line in _ranges(c)]
     lines += ["# Each of %d tables has poses and commands and is read as a run." % len(runs)] if runs else []
     lines += ["types: [%s]" % ", ".join(map(clocks.quoted, types))] if types else []
-    lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder))]
-    lines += ["commands:", *("  " + line for line in _command_lines(other, every, in_folder))]
+    commanded = ["  " + line for line in _command_lines(other, every, in_folder)]
+    is_sided = {"left", "right"} <= {line.split(":")[0].strip() for line in commanded}
+    lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder, is_sided))]
+    lines += ["commands:", *commanded]
     return "\n".join(lines) + "\n"
-
-
-def _covers(times: Array, span: Array) -> bool:
-    """Whether some times (n,) cover half of the span of others (m,), both in [s]."""
-    times, span = times[np.isfinite(times)], span[np.isfinite(span)]
-    if not len(times) or not len(span):
-        return False
-    both = min(times.max(), span.max()) - max(times.min(), span.min())
-    return bool(both > 0.5 * np.ptp(span))
 
 
 def _runs(with_poses: Sequence[Seen], scored: Sequence[Seen]) -> List[Seen]:
@@ -204,21 +197,21 @@ def _ranges(seen: Seen) -> Iterator[str]:
 def _place(candidates: Sequence[Seen], in_folder: bool, is_whole: bool = True) -> Iterator[str]:
     """Where poses or commands are. is_whole: whether they are all there."""
     seen = candidates[0]
-    if not is_whole:
-        yield from ()
-    elif seen.kind != TABLE:
+    if is_whole and seen.kind != TABLE:
         yield "topic: %s" % clocks.quoted(seen.topic)
         yield "type: %s" % seen.kind
         if seen.body:
             yield "body: %s" % clocks.quoted(seen.body)
-    elif in_folder:
+    elif is_whole and in_folder:
         yield "file: %s" % clocks.quoted(seen.topic)
     if len(candidates) > 1:
         others = ", ".join("%s (%s)" % (c.name, c.kind) for c in candidates[1:])
         yield "# %sothers that could be it: %s" % (MARK, others)
 
 
-def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
+def _pose_lines(candidates: Sequence[Seen], in_folder: bool, is_sided: bool) -> Iterator[str]:
+    """Keys of the likeliest poses. is_sided: whether commands are named left and right, so that the motion
+    verifies which way headings count."""
     if not candidates:
         yield "topic: ''  # %snothing seems to have poses; name the fields that have them:" % MARK
         yield "# position: {fields: [X, Y], unit: m}"
@@ -235,12 +228,25 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
         headings = _other_headings(chosen, pose)
         if headings:
             yield "# %sother headings: %s" % (MARK, ", ".join(headings))
+    yield from _valid_lines(chosen)
     if len(pose.rotation) == 4:
         yield from _whole_lines(chosen, pose)
     else:
-        yield from _planar_lines(chosen, pose)
+        yield from _planar_lines(chosen, pose, is_sided)
     if chosen.clock:
         yield "time: %s" % chosen.clock
+
+
+def _valid_lines(seen: Seen) -> Iterator[str]:
+    """The flag of rows that have a pose; in doubt where it may be of something else."""
+    flags = [name for name in seen.whole if words.VALID & set(words.split(name))]
+    flags = [name for name in flags if set(levels.finite(seen.whole[name])) == {0.0, 1.0}]
+    for number, name in enumerate(flags):
+        others = set(words.split(name)) - words.VALID - words.MEASURED - words.PLACED - words.TURNED - {"is"}
+        mark = MARK if len(flags) > 1 or others else ""
+        share = 100 * np.mean(levels.finite(seen.whole[name]))
+        line = "%svalid: %s  # %s1 in %.0f%% of the rows"
+        yield line % ("# " * (number > 0), clocks.quoted(name), mark, share)
 
 
 def _other_headings(seen: Seen, pose: sightings.PoseColumns) -> List[str]:
@@ -296,9 +302,8 @@ def _upward(pose: sightings.PoseColumns, mark: str) -> str:
 
 def _flat(pose: sightings.PoseColumns, position: Array) -> Tuple[sightings.PoseColumns, Array, str]:
     """A pose by its two horizontal fields, their values (n, 2), and its frame in a line."""
-    is_named = all("ned" in words.split(path) for path in pose.position)
-    turns = ("" if is_named else MARK) + "where headings are counter-clockwise from above"
     named = [words.split(path) for path in pose.position]
+    turns = MARK * any("ned" not in own for own in named) + "where headings are counter-clockwise from above"
     if all("enu" in own for own in named) or ("east" in named[0] and "north" in named[1]):
         level = sightings.PoseColumns(pose.position[:2], pose.rotation, pose.kind)
         return level, position[:, :2], "%s  # the names say that z is up" % _upward(level, "")
@@ -319,7 +324,7 @@ def _flat(pose: sightings.PoseColumns, position: Array) -> Tuple[sightings.PoseC
     return pose, position[:, flat], line
 
 
-def _planar_lines(seen: Seen, pose: sightings.PoseColumns) -> Iterator[str]:
+def _planar_lines(seen: Seen, pose: sightings.PoseColumns, is_sided: bool) -> Iterator[str]:
     """Keys of a pose with a heading; the motion decides how the heading counts, where it does."""
     times, position, rotation = seen.rows(pose)
     known = seen.kind in pose_columns.KINDS
@@ -331,7 +336,7 @@ def _planar_lines(seen: Seen, pose: sightings.PoseColumns) -> Iterator[str]:
     said = "rad" if known else seen.units.get(name, "")
     turn_unit, turn = _heading_unit(said, times, metres, rotation[:, 0])
     fields, sign, offset, why = pose.position, 1, "", ""
-    if said not in ANGLES and not _wraps(rotation[:, 0], math.tau / ANGLES[turn_unit]):
+    if said not in ANGLES and not units.wraps(rotation[:, 0], math.tau / ANGLES[turn_unit]):
         why = ", %sno unit is given" % MARK
     if turn.is_clear and turn.sign < 0:
         sideways = abs(abs(turn.offset) - math.pi / 2) < math.pi / 4
@@ -346,6 +351,8 @@ def _planar_lines(seen: Seen, pose: sightings.PoseColumns) -> Iterator[str]:
     elif pose.kind != "xy":
         is_north = turn.is_clear and abs(turn.offset) < NORTH
         why += ", %staken for clockwise from north" % ("" if is_north else MARK)
+    elif MARK not in frame and not is_sided and not {"ned", "enu"} & set(words.split(name)):
+        why += ", %staken to count as the frame of the position does" % MARK
     names = "" if known else "fields: [%s], " % ", ".join(map(clocks.quoted, fields))
     yield _position_line(names, unit, why_unit, pose, position)
     if not known:
@@ -362,21 +369,12 @@ def _heading_unit(said: str, times: Array, position: Array, headings: Array) -> 
         unit: sightings.against_course(position, factor * np.asarray(headings))
         for unit, factor in (("rad", 1.0), ("deg", math.pi / 180))
     }
-    if said in turns:
-        return said, turns[said]
-    largest = np.abs(headings).max()
-    if largest <= 2 * math.pi + 0.01:
-        return "rad", turns["rad"]
-    better = turns["deg"].resultant > turns["rad"].resultant
+    largest, better = np.abs(headings).max(), turns["deg"].resultant > turns["rad"].resultant
     far = abs(headings[0]) > 2 * math.pi
-    degrees = units.in_degrees(times, headings) or far or (better and largest < 361)
-    return ("deg", turns["deg"]) if degrees else ("rad", turns["rad"])
-
-
-def _wraps(headings: Array, turn: float) -> bool:
-    """Whether headings within a turn step by a turn in their unit, as in no other unit of angles."""
-    steps = np.abs(np.diff(headings))
-    return bool(np.ptp(headings) <= turn and (np.abs(steps - turn) < turn / 6).any())
+    degrees = far or units.in_degrees(times, headings) or (better and largest < 361)
+    unit = "deg" if largest > 2 * math.pi + 0.01 and degrees else "rad"
+    unit = said if said in turns else unit
+    return unit, turns[unit]
 
 
 def _free(seen: Seen) -> Dict[str, Array]:

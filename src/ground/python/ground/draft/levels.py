@@ -164,7 +164,7 @@ def names(found: Mapping[str, Array]) -> Dict[str, str]:
     if set(last.values()) >= {"left", "right"}:
         return {path: plain(name) for path, name in last.items()}
     said = {path: set(words.split(path)) for path in found}
-    for name, known in (("left", words.LEFT), ("right", words.RIGHT), ("lift", words.LIFT)):
+    for name, known in words.CHANNELS.items():
         which = [path for path in found if said[path] & known]
         if len(which) == 1:
             called[which[0]] = name
@@ -185,7 +185,7 @@ def names(found: Mapping[str, Array]) -> Dict[str, str]:
 def is_named(name: str, path: str, others: Iterable[str]) -> bool:
     """Whether a word of a field, and of no other one, says that its channel is left, right or lift; of other
     channels, whether the name is the field's."""
-    known = {"left": words.LEFT, "right": words.RIGHT, "lift": words.LIFT}.get(name)
+    known = words.CHANNELS.get(name)
     if known is None:
         return name == plain(path)
     return [other for other in others if known & set(words.split(other))] == [path]

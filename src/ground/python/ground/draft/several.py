@@ -45,9 +45,8 @@ class Seen:
         return self.times[good], found[good, :count], found[good, count:]
 
 
-SIDES = (
-    words.LEFT | words.RIGHT | {"bow", "stern", "front", "back", "rear", "fore", "aft", "main", "lift", "fan"}
-)
+SIDES = words.CHANNELS["left"] | words.CHANNELS["right"]
+SIDES |= {"bow", "stern", "front", "back", "rear", "fore", "aft", "main", "lift", "fan"}
 END = re.compile(r"(\.[a-z]{2,4}){1,2}$")  # of the name of a file
 
 
@@ -59,7 +58,7 @@ def of(chosen: Seen, every: Sequence[Seen]) -> List[Seen]:
         seen.topic: seen
         for seen in every
         if seen.kind == chosen.kind and _stem(seen.topic) == stem and wanted <= set(seen.values)
-        if seen.topic != chosen.topic and _overlap(seen, chosen)
+        if seen.topic != chosen.topic and covers(seen.times, chosen.times)
     }
     posed = {_marks(seen.topic) for seen in every if seen.poses and seen.topic not in (chosen.topic, *alike)}
     if not alike or any(marks and marks in posed for marks in map(_marks, (chosen.topic, *alike))):
@@ -83,8 +82,7 @@ def names(parts: Sequence[Seen], paths: Sequence[str]) -> Iterator[Tuple[Seen, D
 
 def _name(topic: str, path: str, marks: str, is_only: bool) -> str:
     if is_only and marks in SIDES:
-        side = {"left": words.LEFT, "right": words.RIGHT, "lift": words.LIFT}
-        return next((name for name, known in side.items() if marks in known), marks)
+        return next((name for name, known in words.CHANNELS.items() if marks in known), marks)
     if is_only:  # the part of the topic's name that tells it from the others
         part = next(p for p in END.sub("", topic).split("/") if set(_parts(p)) & set(marks.split("_")))
         return levels.plain(part)
@@ -106,8 +104,8 @@ def _marks(topic: str) -> Tuple[str, ...]:
 
 def _order(mark: str) -> Tuple[int, str]:
     """Left before right before lift; numbers by their size."""
-    sides = [words.LEFT, words.RIGHT, words.LIFT]
-    return next((at for at, side in enumerate(sides) if mark in side), len(sides)), mark.zfill(6)
+    order = (at for at, known in enumerate(words.CHANNELS.values()) if mark in known)
+    return next(order, len(words.CHANNELS)), mark.zfill(6)
 
 
 def _stem(topic: str) -> Tuple[str, ...]:
@@ -115,9 +113,9 @@ def _stem(topic: str) -> Tuple[str, ...]:
     return tuple("" if _is_mark(word) else word for word in _parts(topic))
 
 
-def _overlap(one: Seen, other: Seen) -> bool:
-    """Whether two topics have a time in common."""
-    if not all(np.isfinite(seen.times).any() for seen in (one, other)):
+def covers(times: Array, span: Array, share: float = 0.0) -> bool:
+    """Whether some times (n,) cover more than a share of the span of others (m,), both in [s]."""
+    times, span = levels.finite(times), levels.finite(span)
+    if not len(times) or not len(span):
         return False
-    ends = [(np.nanmin(seen.times), np.nanmax(seen.times)) for seen in (one, other)]
-    return bool(max(a for a, _ in ends) < min(b for _, b in ends))
+    return bool(min(times.max(), span.max()) - max(times.min(), span.min()) > share * np.ptp(span))

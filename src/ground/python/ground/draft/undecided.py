@@ -13,7 +13,7 @@ SEEN = 'axes: "%s"  # so left and right turn the craft as it moves'
 
 def lines(text: str) -> List[str]:
     """The lines of a draft that somebody has to decide."""
-    return [line.strip() for line in text.splitlines() if MARK in line]
+    return [*dict.fromkeys(line.strip() for line in text.splitlines() if MARK in line)]
 
 
 def is_height_clear(text: str) -> bool:

@@ -16,9 +16,7 @@ NUMBERS = {
     "float64": "f8",
 }  # fmt: skip
 TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-Node = Tuple[
-    int, Any
-]  #: type of a field as rosbags describes it: base (1), named (2), array (3), sequence (4)
+Node = Tuple[int, Any]  #: type of a field in rosbags: base (1), named (2), array (3), sequence (4)
 Types = Dict[str, Tuple[object, Sequence[Tuple[str, Node]]]]  #: fields of types by name
 LONGEST = 256  # elements of an array of numbers that have columns
 MOST_FIELDS = 10000  # fields of a message; more are taken for damage

@@ -13,9 +13,7 @@ from ground.support.errors import GroundError
 
 CAME_LATE = "commands came late"
 LATE = 0.05  # least delay beyond the usual one that is late [s]
-TOGETHER = (
-    0.1  # stamps of several topics that are one command lie closer [shortest usual interval of a topic]
-)
+TOGETHER = 0.1  # stamps of one command in several topics lie closer [shortest usual interval of a topic]
 PAUSE = 12.0  # a topic that ends earlier than the others by more has stopped [usual intervals]
 
 

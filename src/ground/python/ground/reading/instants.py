@@ -15,12 +15,13 @@ from ground.support.errors import GroundError
 if TYPE_CHECKING:
     import pandas
 
-LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
+EARLIEST, LATEST = 9 * 10**17, 2**32 * 10**9  # of this century; seconds of ROS have 32 bits [ns]
 DAY = 86400 * 10**9  # [ns]
 RESTART = 5 * 10**8  # a clock that goes back by more starts anew [ns]
 MANY_LOST = 3  # rows for each stamp from which the stamps have lost digits
 UNPADDED = "unpadded"
-CALENDARS = {(3e4, 8e4): 25569, (7e5, 8e5): 719529}  # days of Excel and of Matlab: the day 1970-01-01
+# Days of Excel and of Matlab, and their day 1970-01-01
+CALENDARS = ((3e4, 8e4, 25569), (7e5, 8e5, 719529))
 # Times as text that need no format: the year first, or no date
 FORM = re.compile(
     r"\s*(?:(?P<y>\d{4})([-/.]?)(?P<mo>\d\d?)\2(?P<d>\d\d?)(?:\s*T|[\s,_-]+|$))?"
@@ -111,7 +112,8 @@ def _of_numbers(
     known, total = np.ones(len(given), bool), np.zeros(len(given), np.int64)
     parts: List[Tuple[Column, float]] = [(given, 1e9 / clock.rate if clock.rate else TIMES[unit])]
     if unit == "days":
-        parts = [(_since_1970(given), TIMES[unit])]
+        numbers = np.asarray(given, float)
+        parts = [(numbers - first_day(numbers), TIMES[unit])]
     if clock.nanoseconds:
         parts.append((containers.values(columns, [clock.nanoseconds], where)[:, 0], 1.0))
     for values, factor in parts:
@@ -120,9 +122,11 @@ def _of_numbers(
         known &= finite
         far = finite & ((numbers < 0) | (numbers * factor >= LATEST))
         if far.any() and clock.rate == 0 and (numbers[far] >= 0).any():
+            other = since_1970(numbers[far][0])
             raise GroundError(
                 "%s: a time is %g %s, which is not between 1970 and 2106; the key unit of the "
-                "mapping's time may be wrong%s" % (where, numbers[far][0], unit, _better(numbers[far][0]))
+                "mapping's time may be wrong%s"
+                % (where, numbers[far][0], unit, other and ": it is a time since 1970 in " + other)
             )
         if values.dtype.kind in "iu" and float(factor).is_integer():  # more digits than a float
             total += _unwrapped(np.asarray(values, np.int64), notes) * int(factor)
@@ -131,11 +135,10 @@ def _of_numbers(
     return total, known
 
 
-def _since_1970(days: Column) -> Column:
-    """Days since 1970 of those that Excel or Matlab count; others are left as they are."""
-    numbers = np.asarray(days, float)
-    first = numbers[np.isfinite(numbers)][:1]
-    return numbers - sum(zero for (low, high), zero in CALENDARS.items() if low < first.sum() < high)
+def first_day(days: Array) -> int:
+    """The day 1970-01-01 in the calendar of Excel or Matlab that days (n,) count in; 0: in neither."""
+    ends = np.nanmin(days), np.nanmax(days)
+    return next((first for low, high, first in CALENDARS if low < ends[0] and ends[1] < high), 0)
 
 
 def _unwrapped(counts: Indices, notes: List[str]) -> Indices:
@@ -150,12 +153,10 @@ def _unwrapped(counts: Indices, notes: List[str]) -> Indices:
     return counts
 
 
-def _better(value: float) -> str:
-    """The unit in which a number is a time of this century."""
-    for unit, factor in TIMES.items():
-        if 9e8 * 1e9 < value * factor < LATEST:
-            return ": it is a time since 1970 in %s" % unit
-    return ""
+def since_1970(value: float) -> str:
+    """The unit in which a number is a time of this century; empty: in none."""
+    units = ("s", "ms", "us", "ns")
+    return next((unit for unit in units if EARLIEST < value * TIMES[unit] < LATEST), "")
 
 
 def _unpadded(texts: Column, where: str) -> Tuple[Indices, Flags]:

@@ -67,6 +67,7 @@ class Poses:
     file: str = ""  #: pattern of the names of tables that have them
     type: str = ""  #: type of the topic's messages; empty: any
     body: str = ""  #: child frame, or part of the topic's name
+    valid: str = ""  #: path of a field that is 0 where there is no pose
     position: Tuple[str, ...] = ()  #: paths of x, y, z or x, y, "-y" mirrors; empty: the type's
     unit: str = ""  #: of lengths, or "deg" for latitude and longitude; empty: what the file says, or m
     scale: float = 1.0

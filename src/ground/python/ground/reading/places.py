@@ -44,7 +44,6 @@ def _local(numbers: Array, paths: Sequence[str], where: str, notes: List[str]) -
     """Distances north and east of the first fix (n, k) [m], in the columns of latitude and longitude."""
     north = int(words.axis(paths[0])[0] == "lon" or words.axis(paths[1])[0] == "lat")
     fixes = numbers[:, [north, 1 - north]]
-    fixes = np.where((fixes == 0).all(axis=1)[:, None], np.nan, fixes)  # no fix
     valid = np.isfinite(fixes).all(axis=1)
     if not valid.any() or (np.abs(fixes[valid]) > [90, 360]).any():
         raise GroundError(

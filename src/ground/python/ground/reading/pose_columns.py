@@ -57,6 +57,8 @@ KINDS = {
     "geometry_msgs/Pose2D": PoseFields("", heading="theta"),
 }
 SELDOM = ("geometry_msgs/Pose", "geometry_msgs/Pose2D")  # types without a header
+# Share of the steps of a craft that are usual, and the least of its leaps in the largest of these
+USUAL, LEAP = 0.95, 5.0
 STATIC = "tf_static"  # last name of topics with transforms that do not change
 AMBIGUOUS = ("geometry_msgs/PointStamped", "geometry_msgs/Transform")  # no poses unless so named
 
@@ -140,7 +142,13 @@ def read(
     paths = [_of_column(columns, path.lstrip("-"), poses.body) for path in position + rotation]
     numbers = containers.values(columns, paths, where)[chosen]
     count, times = len(position), containers.seconds(stamps[chosen])
+    if poses.valid:
+        numbers[containers.values(columns, [poses.valid], where)[chosen, 0] == 0] = np.nan
     numbers = np.column_stack([rows_apart.joined(some, times) for some in np.split(numbers, [count], axis=1)])
+    untracked = _untracked(numbers[:, :count])
+    if untracked.any():
+        notes.append("poses of zeros, far from those beside them, are left out (%d)" % untracked.sum())
+        numbers[untracked] = np.nan
     absent = np.isnan(numbers[:, :count]).all(axis=1)
     placed = places.metres(numbers[:, :count], paths[:count], columns, poses, where, notes)
     turned = numbers[:, count:]
@@ -165,6 +173,23 @@ def read(
     rows, raw = _planar(placed, turned, paths[:count], where, stamps[chosen], settings)
     places.subtract_origin(rows, notes)
     return PoseTable(rows, raw, chosen, absent)
+
+
+def _untracked(position: Array) -> Flags:
+    """Which positions (n, k) are the zeros of a body that is lost: the craft would leap from them to the next
+    position, as it does not after a reset of the origin, or to them at the end."""
+    found = np.zeros(len(position), bool)
+    known = np.flatnonzero(np.isfinite(position).all(axis=1))
+    is_zero = (position[known] == 0).all(axis=1)
+    steps = np.linalg.norm(np.diff(position[known], axis=0), axis=1)
+    moves = steps[~is_zero[1:] & ~is_zero[:-1]]
+    if not is_zero.any() or not len(moves):
+        return found
+    leaps = steps > LEAP * np.quantile(moves, USUAL)
+    for some in np.split(np.arange(len(known)), np.flatnonzero(np.diff(is_zero)) + 1):
+        end = some[-1] if some[-1] < len(leaps) else some[0] - 1
+        found[known[some]] = is_zero[some[0]] and leaps[end]
+    return found
 
 
 def _body_column(columns: Columns, known: Optional[PoseFields]) -> str:

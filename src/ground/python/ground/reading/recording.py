@@ -97,7 +97,7 @@ class Recording(Plotted):
     payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
     voltage: "Optional[Voltage]" = None  #: of the craft's battery, if recorded
     digest: str = ""  #: of the content of the files that it was read from; empty: none
-    #: text of the mapping that was drafted to read it; empty: it was given, or none is needed
+    #: text of the mapping that was drafted to read it; empty: none was drafted
     mapping: str = ""
     #: low-pass of the mocap, as all runs of one call say together; empty: as this run says
     decided: "Tuple[Optional[LowPass], ...]" = ()

@@ -73,11 +73,14 @@ def in_degrees(times: Array, headings: Array) -> bool:
     """Whether headings (n,) are probably in degrees."""
     if np.abs(headings).max() <= 2 * np.pi:
         return False
-    steps = np.abs(np.diff(headings))
-    if np.abs(headings).max() < 361 and (np.abs(steps - 360) < 60).any():
-        return True
     # Unwrapped radians have no jumps and change more slowly.
-    return speed(times, headings[:, None]) > TURN
+    return wraps(headings, 360.0) or speed(times, headings[:, None]) > TURN
+
+
+def wraps(headings: Array, turn: float) -> bool:
+    """Whether headings within a turn step by a turn in their unit, as in no other unit of angles."""
+    steps = np.abs(np.diff(headings))
+    return bool(np.ptp(headings) <= turn and (np.abs(steps - turn) < turn / 6).any())
 
 
 def likely_axes(rows: Array) -> Tuple[str, float]:

@@ -54,64 +54,53 @@ def split(name: str) -> List[str]:
 
 
 TIME = set(
-    """
-    t time times timestamp timestamps stamp stamps sec secs seconds epoch utc clock datetime unix
-    elapsed ts
-    """.split()
+    "t time times timestamp timestamps stamp stamps sec secs seconds epoch utc clock datetime unix elapsed "
+    "ts unixtime rostime walltime zeit msec usec nsec millis micros date".split()
 )
-TIME |= {"unixtime", "rostime", "walltime", "zeit", "msec", "usec", "nsec", "millis", "micros", "date"}
 # Times other than the times of the samples
 OTHER_TIMES = set(
-    """
-    received receive receipt arrival sent send control command start end begin computation compute
-    solve solver limit dt loop interval period duration delay latency frame boot gps step
-    """.split()
+    "received receive receipt arrival sent send control command start end begin computation compute solve "
+    "solver limit dt loop interval period duration delay latency frame boot gps step".split()
 )
 FRAMES = set("frame frames step index idx sample row seq count n counter number no id".split())
 # What is no measured pose, although it has an axis in its name
 MOTION = set(
-    """
-    vel velo velocity velocities speed rate twist linear angular angvel angvelo omega acc accel
-    acceleration gyro dot imu mag magnetometer jerk surge sway heave nu
-    """.split()
+    "vel velo velocity velocities speed rate twist linear angular angvel angvelo omega acc accel "
+    "acceleration gyro dot imu mag magnetometer jerk surge sway heave nu".split()
 )
 OTHERS = set(
-    """
-    error err target tgt ref reference desired des setpoint sp goal cmd command wind cov covariance
-    std sigma var variance force torque wrench bias marker residual predicted pred min max dt origin
-    waypoint wp home joystick joy stick limit noise moment thrust
-    """.split()
+    "error err target tgt ref reference desired des setpoint sp goal cmd command wind cov covariance std "
+    "sigma var variance force torque wrench bias marker residual predicted pred min max dt origin waypoint "
+    "wp home joystick joy stick limit noise moment thrust".split()
 )
 # What is no command
 SENSED = set(
-    """
-    dt interval period duration latency computation solve solver limit loop objective cost violation
-    fallback exceeded used status mode state wind battery batt bat volt volts voltage vbat amp amps
-    ampere temp temperature noise lat latitude lon longitude lng alt altitude sat sats satellites
-    hdop rssi seq frame step index idx id count counter row quality residual marker mean bias zero
-    offset phase weight load force torque current power energy armed arm estop flag valid received
-    checksum crc position pos pose quaternion orientation error err target desired setpoint goal hex
-    fix gps roll pitch depth pressure humidity light sensor measured meas
-    """.split()
+    "dt interval period duration latency computation solve solver limit loop objective cost violation "
+    "fallback exceeded used status mode state wind battery batt bat volt volts voltage vbat amp amps ampere "
+    "temp temperature noise lat latitude lon longitude lng alt altitude sat sats satellites hdop rssi seq "
+    "frame step index idx id count counter row quality residual marker mean bias zero offset phase weight "
+    "load force torque current power energy armed arm estop flag valid received checksum crc position pos "
+    "pose quaternion orientation error err target desired setpoint goal hex fix gps roll pitch depth "
+    "pressure humidity light sensor measured meas tracked tracking visible".split()
 )
+VALID = {"valid", "tracked", "tracking", "visible"}  # flags of rows that have a pose
 STRONG = set(
-    """
-    thruster thrusters thr thrust motor motors pwm valve valves rudder rudders prop propeller
-    propellers rpm rps throttle lift fan servo servos esc cmd cmds command commands control controls
-    ctrl actuator actuators act input inputs u left right port starboard stbd jet jets duty switch
-    switches azimuth vane vanes skirt sail bow stern tau hover demand solenoid solenoids output
-    outputs nprop delta rc main tail fin fins pump deflection steering steer nozzle
-    """.split()
+    "thruster thrusters thr thrust motor motors pwm valve valves rudder rudders prop propeller propellers "
+    "rpm rps throttle lift fan servo servos esc cmd cmds command commands control controls ctrl actuator "
+    "actuators act input inputs u left right port starboard stbd jet jets duty switch switches azimuth vane "
+    "vanes skirt sail bow stern tau hover demand solenoid solenoids output outputs nprop delta rc main tail "
+    "fin fins pump deflection steering steer nozzle".split()
 )
 ACTUATORS = STRONG - set(
-    """
-    cmd cmds command commands control controls ctrl input inputs u pwm demand output outputs
-    """.split()
+    "cmd cmds command commands control controls ctrl input inputs u pwm demand output outputs".split()
 )
 ANGLES = {"angle", "azimuth", "direction", "alpha", "angles", "swivel", "bearing"}  # of a thruster that turns
-LIFT = {"lift", "hover", "skirt", "levitation", "levitate", "cushion", "auftrieb"}
-LEFT = {"left", "port", "l", "links", "backbord", "gauche"}
-RIGHT = {"right", "starboard", "stbd", "r", "rechts", "steuerbord", "droite"}
+# Channels of a usual craft, by the words that name them
+CHANNELS = {
+    "left": {"left", "port", "l", "links", "backbord", "gauche"},
+    "right": {"right", "starboard", "stbd", "r", "rechts", "steuerbord", "droite"},
+    "lift": {"lift", "hover", "skirt", "levitation", "levitate", "cushion", "auftrieb"},
+}
 PLACED = set("pos position pose translation location loc p tx place coordinate coord".split())
 FRAMED = {"ned", "enu", "mid", "world", "map", "odom", "global", "local", "m", "wgs", "utm"}
 MEASURED = set("telemetry mocap optitrack vicon vrpn qualisys measured meas gnss gps tracker".split())
@@ -161,9 +150,8 @@ def component(name: str) -> Tuple[str, Stem]:
 def heading(name: str) -> Tuple[float, Stem]:
     """How likely a name stands for a heading, 0 to 1, and its other words."""
     found = split(name)
-    if {"sin", "cos", "sine", "cosine"} & set(found):
-        return 0.0, ()
-    if (MOTION | OTHERS) & set(found) or {"azimuth", "rudder", "thruster", "motor"} & set(found):
+    others = {"sin", "cos", "sine", "cosine", "azimuth", "rudder", "thruster", "motor"}
+    if (MOTION | OTHERS | others) & set(found):
         return 0.0, ()
     if found[-1:] == ["z"] and {"euler", "rpy", "angle", "rotation"} & set(found):
         return 0.6, tuple(found[:-1])
