@@ -140,9 +140,7 @@ def bands(report: DiagnosisReport) -> Iterator[str]:
 
 
 def left(report: DiagnosisReport) -> Iterator[str]:
-    """What the grown model leaves: differences between runs, dropped effects, the disturbance."""
-    for differs in report.varies if report.verdict != "varies" else ():
-        yield capital(varying(differs)) + "."
+    """What the grown model leaves: dropped effects, the disturbance."""
     for found in report.dropped:
         name, why = capital(effect(report, found.effect)), found.why
         if found.change:
