@@ -478,3 +478,21 @@ def test_a_model_that_diverges_along_whole_runs_is_diagnosed_and_said_to_do_so(t
         del row["p"]
     numbers.write_text(json.dumps(older))
     assert list(ground.load(tmp_path / "diagnosis").details()) == list(found.details())
+
+
+def test_where_runs_differ_the_answer_says_how_its_model_predicts_an_unknown_run(unplanned):
+    """Predictions that know the thrust of each run are better than the model that is written."""
+    craft = ground.Model.load(MODEL).with_effect("yaw_bias", n0=2e-4)
+
+    def flown(seed, thrust):
+        truth = craft.with_values({"k": thrust * craft["k"]})
+        return ground.simulate(truth, "multilevel-prbs", duration=6, seed=seed, name="run %d" % seed)
+
+    found = ground.diagnose(MODEL, [flown(1, 0.9), flown(2, 1.0), flown(3, 1.1)], only=["yaw_bias"])
+    assert found.effects == ("yaw_bias",)
+    head = " ".join(text for _, text in found.headline())
+    assert "thrust differs between runs" in head and "same thrust in all runs" in head
+    known, written = (found.contents.prediction.errors[name] for name in ("improved", "written"))
+    assert written.position_mm > 1.5 * known.position_mm and written.heading_deg > 2 * known.heading_deg
+    unknown = ground.compare(found.improved, flown(4, 1.1)).prediction
+    assert list(unknown.errors.values())[0].position_mm < 1.5 * written.position_mm

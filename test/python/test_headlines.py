@@ -190,6 +190,19 @@ def test_results_in_python_name_functions_of_python(bags, report, unexplained):
         assert re.search(CALL, texts[name]), texts[name]
 
 
+def test_an_error_smaller_than_the_disturbance_makes_it_is_no_evidence(report):
+    """A push at some places only leaves a smaller error than a steady one of its size."""
+    from ground.diagnosing import words
+
+    found = copy.deepcopy(report)
+    found["agreement"].update(holds=False, frequency=None, common=None)
+    for measured in (0.1, 0.3):
+        found["agreement"]["error"].update(measured=measured, expected=0.2)
+        told = words.ceiling(typed(found))
+        assert "more may be missing" in told
+        assert ("0.200" in told, "places only" in told) == (measured > 0.2, measured < 0.2)
+
+
 def test_a_proposal_can_be_added_in_python(bags, unexplained):
     found = unexplained
     assert found.verdict in ("unexplained", "memory"), "a lag is none of the effects that were tried"

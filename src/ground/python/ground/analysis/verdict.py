@@ -55,8 +55,8 @@ class Conclusion:
     agreement: Agreement
     formula: Optional[naming.Formula]  # for what is learnable and has no name
     judged: Optional[Judged]  # the model with the formula
-    # how far predicted poses are off on held-out data, of the models given, refitted, improved and formula;
-    # None where runs are too short
+    # how far predicted poses are off on held-out data, of the models given, refitted, improved, formula and
+    # written: the improved one without what is estimated of each run; None where runs are too short
     prediction: Optional[PredictionError]
     diagnosis: StepwiseDiagnosis  # its basis; where it is by simulation error, its effects and parameters are
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
@@ -247,6 +247,11 @@ def _prediction(
     for name, one in (("refitted", before), ("improved", after), ("formula", named)):
         if one:
             errors[name] = (by_user.tested(one.model, one.fit) if by_user else one.tested).error
+    if found.differences and after.others:
+        written = [after.others[part].model for part in found.folds.start_of]
+        if by_user:
+            written = [after.model] * len(starts.windows)
+        errors["written"] = PoseError.of(starts.errors(runs, written))
     return horizon.with_floors(runs, starts, errors, found.model, found.fit.levels)
 
 

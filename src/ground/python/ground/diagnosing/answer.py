@@ -55,6 +55,9 @@ def known_first(report: DiagnosisReport) -> List[Line]:
         beside["refitted"] = "refitted without the effect%s" % ("s" * (count > 1))
     if report.ceiling.named_as:
         beside["formula"] = "with the formula for what is left"
+    if report.varies:
+        own = listed([found.parameter for found in report.varies])
+        beside["written"] = "with the same %s in all runs" % own
     return head + prediction(report.prediction, "given", "improved" if count else "refitted", **beside)
 
 
@@ -90,6 +93,9 @@ def _answers(report: DiagnosisReport) -> Iterator[str]:
         return
     for step in report.steps:
         yield _effect(report, step)
+    if report.varies and report.verdict != "varies":
+        differ = capital(listed([words.varying(found) for found in report.varies]))
+        yield "%s; each prediction estimates it from the poses before." % differ
     rest = _rest(report)
     if rest:
         yield rest
@@ -253,13 +259,13 @@ def _next(report: DiagnosisReport, folder: str) -> str:
         return "switch off what swings or turns near the craft, one at a time, and record again"
     if kind == "undecided":
         return "record more and longer runs, over the same places, with other commands"
-    if kind == "varies":
-        return "find what changed between the runs (battery, trim, floor), or accept it as their spread"
     judged = [one for step in report.steps for one in (step.judged.fitted, step.judged.holdout)]
     if any(one is not None and not one.is_better for one in judged):
         return "record more runs and diagnose all of them together, to confirm or refute it"
     if open_still:
         return "record more and longer runs to see whether more is missing; the model is usable now"
+    if report.varies:
+        return "find what changed between the runs (battery, trim, floor), or accept it as their spread"
     if kind in ("complete", "missing") and _rest_matters(report) and not _is_chance(report):
         return _repeat(report, " (roslaunch: returns:=false)" if folder else "")
     model = _in(folder, "improved.yaml") if folder else "diagnosis.improved"

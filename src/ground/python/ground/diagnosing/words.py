@@ -120,11 +120,11 @@ def ceiling(report: DiagnosisReport) -> str:
     text = "Of the squared error on the runs that the model was fitted to, %s." % listed(parts)
     text += " The further effects depend on %s." % arguments(report) if found.said else ""
     if not agrees.holds and number(report.noise_floor) != "-":
-        text += (
-            " These shares assume a steady random disturbance, with which the improved model would have an "
-            "error of %.3f. The error is %.3f, so more may be missing."
-            % (agrees.error.expected, agrees.error.measured)
-        )
+        errors = agrees.error.measured, agrees.error.expected
+        why = "the error is %.3f, not %.3f" % errors
+        if agrees.error.measured < agrees.error.expected:
+            why = pattern(report)
+        text += " These shares assume a steady random disturbance, but %s, so more may be missing." % why
     return text
 
 
@@ -141,9 +141,7 @@ def bands(report: DiagnosisReport) -> Iterator[str]:
 
 
 def left(report: DiagnosisReport) -> Iterator[str]:
-    """What the grown model leaves: differences between runs, dropped effects, the disturbance."""
-    for differs in report.varies if report.verdict != "varies" else ():
-        yield capital(varying(differs)) + "."
+    """What the grown model leaves: dropped effects, the disturbance."""
     for found in report.dropped:
         name, why = capital(effect(report, found.effect)), found.why
         if found.change:
@@ -213,7 +211,7 @@ def pattern(report: DiagnosisReport) -> str:
         )
     if found.common and found.common.stands_out:
         return common(found.common) + ", which no effect of the library and nothing recorded describes"
-    return "what is left acts at some times or places only, as a draught, a cable or a bad patch of floor do"
+    return "what is left acts at some times or places only, as draughts, cables, bad floor or late commands do"
 
 
 def evidence(report: DiagnosisReport) -> Iterator[str]:
