@@ -192,3 +192,22 @@ def test_the_two_days_of_the_real_recordings(tmp_path, real_bags):
         assert one["role"] == ("held_out" if first_day else "fit")
     pooled = report["pooled"]["fitted"]
     assert pooled["held_out"]["error"] > 2 * pooled["fit"]["error"]
+
+
+def test_every_verb_has_the_same_error_of_the_same_model():
+    import ground
+
+    craft = ground.Model.load(MODEL)
+    runs = [
+        ground.simulate(craft.with_effect("yaw_bias", n0=2e-5), "prbs", duration=30, seed=s, name=str(s))
+        for s in (1, 2)
+    ]
+    predictor = ground.Predictor(craft, runs)
+    fit, compared = ground.fit(craft, runs), ground.compare({"given": craft}, runs)
+    diagnosis = ground.diagnose(craft, runs, only=["yaw_bias"])
+    for found in (fit.prediction, compared.prediction, diagnosis.contents.prediction):
+        assert found.errors["given"] == predictor.error(craft)
+    added, alone = ground.add(craft, "yaw_bias", runs), ground.predict(craft, runs[0])
+    of_run = compared.runs[0].models[0].numbers["horizons"]
+    assert alone.position_mm in [row["position_mm"] for row in of_run]
+    assert added.prediction.errors["without"] == fit.prediction.errors["fitted"]

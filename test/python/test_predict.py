@@ -18,7 +18,7 @@ def test_a_right_model_predicts_to_the_noise_and_a_wrong_one_does_not(craft, run
     right = craft.with_effect("yaw_bias", n0=TURNING).predict(run)
     assert right.heading_deg < 4 * right.noise_deg < wrong.heading_deg
     assert right.position_mm < wrong.position_mm
-    assert wrong.horizon == 1.5 and wrong.starts > 10
+    assert wrong.horizon == ground.Predictor(craft, run).horizon and wrong.starts > 10
 
 
 def test_errors_grow_with_the_horizon(craft, run):

@@ -345,7 +345,7 @@ class Model(Shown):
         core.remove_effect(name)
         return _changed(core)
 
-    def predict(self, recording: "Union[Recording, Path]", horizon: float = 1.5) -> "Prediction":
+    def predict(self, recording: "Union[Recording, Path]", horizon: Optional[float] = None) -> "Prediction":
         """Predicts a recording, sample by sample; see ground.predict."""
         made: Prediction = public("predict")(self, recording, horizon)
         return made

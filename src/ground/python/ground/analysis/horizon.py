@@ -197,7 +197,6 @@ def prediction_error(
     at = Starts.of(runs, seconds)
     if not len(at.windows):
         return None
-    at = Starts(windows.spread(list(at.windows), window_error.FEW_WINDOWS), seconds)
     errors = {name: PoseError.of(at.errors(runs, own(at.windows))) for name, own in models.items()}
     return with_floors(runs, at, errors, truth)
 

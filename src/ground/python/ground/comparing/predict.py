@@ -8,7 +8,6 @@ import numpy as np
 from ground import _core
 from ground.analysis import horizon as horizons
 from ground.analysis.predicted_band import Course, FitWithout, beyond, half_width
-from ground.analysis.window_error import FEW_WINDOWS
 from ground.checks import quality
 from ground.data.measured import Part
 from ground.data.read import Recordings, taken
@@ -136,7 +135,7 @@ class Prediction(Shown, Plotted):
 def predict(
     model: ModelLike,
     recording: Recordings,
-    horizon: float = 1.5,
+    horizon: Optional[float] = None,
     band: Optional[float] = None,
     parts: Sequence[FitWithout] = (),
     *,
@@ -146,8 +145,9 @@ def predict(
 
     Parameters
     ----------
-    horizon : float, default 1.5
-        How far each prediction goes [s]; infinite: from the beginning to the end, or to the next gap.
+    horizon : float, optional
+        How far each prediction goes [s]; by default what suits the craft, as in `compare`. Infinite: from the
+        beginning to the end, or to the next gap.
     band : float, optional
         Share of the samples that a band is to hold, 0..1. It needs the parts of a fit.
     parts : sequence, optional
@@ -167,7 +167,7 @@ def predict(
     --------
     >>> craft = ground.Model.load(model_file)
     >>> made = ground.predict(craft, bag)
-    >>> better = craft.with_effect("yaw_bias", n0=2e-5).predict(bag, horizon=1.5)
+    >>> better = craft.with_effect("yaw_bias", n0=2e-5).predict(bag, horizon=1.0)
     >>> better.heading_deg < 0.2 * made.heading_deg  # this craft turns by itself
     True
     >>> made.predicted.shape == made.measured.shape, list(made.to_frame())[:5]
@@ -176,17 +176,19 @@ def predict(
     found = taken(recording)
     if len(found) != 1:
         raise GroundError("predict takes one run, not %d; compare takes several" % len(found))
-    if not horizon > 0:
+    if horizon is not None and not horizon > 0:
         raise GroundError("the horizon must be a positive time, not %g s" % horizon)
     given = Model.of(model)
     repaired = quality.repaired(found[0].with_lift_of(given.core))
-    made = prediction(given, options.of(repaired, given), horizon, repaired.zero)
+    data = options.of(repaired, given)
+    seconds = horizon or horizons.horizon([data], given.core)
+    made = prediction(given, data, seconds, repaired.zero)
     if band is None:
         return made
 
     def course(run: _core.RunData, model: _core.Model) -> Optional[Course]:
         try:
-            shape = Shape.of(run, horizon, given.core)
+            shape = Shape.of(run, seconds, given.core)
         except GroundError:  # too short
             return None
         return shape.predicted(model), shape.measured
@@ -211,12 +213,10 @@ def prediction(model: Model, run: _core.RunData, seconds: float, zero: float = 0
         error, least = shape.end_error(predicted), horizons.PoseError(*horizons.pose_noise([run]).tolist())
         count = len(shape.tiles)
     else:
-        starts = horizons.starts([run], seconds, FEW_WINDOWS)
-        error = horizons.PoseError.of(
-            horizons.pose_errors([run], horizons.same(model.core)(starts), starts, seconds)
-        )
-        least = horizons.PoseError.of(horizons.artificial_errors([run], starts, seconds, model.core, None))
-        count = len(starts)
+        starts = horizons.Starts(horizons.starts([run], seconds), seconds)
+        count = len(starts.windows)
+        error = horizons.PoseError.of(starts.errors([run], [model.core] * count))
+        least = horizons.with_floors([run], starts, {}, model.core).mocap
     return Prediction(
         name=run.name,
         model=model,

@@ -7,10 +7,9 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import horizon as horizons
-from ground.analysis import missing_wrench, thinning, windows
+from ground.analysis import missing_wrench, thinning
 from ground.analysis.horizon import PoseError
 from ground.analysis.residuals import UNITS
-from ground.analysis.window_error import FEW_WINDOWS
 from ground.checks import quality
 from ground.comparing.predict import Shape
 from ground.data.measured import Part
@@ -78,11 +77,10 @@ class Predictor(Described):
         self.recordings = [run.with_lift_of(self.model.core) for run in taken(recordings)]
         self.runs = [Part().of(quality.repaired(run), self.model) for run in self.recordings]
         self.horizon = horizon or horizons.horizon(self.runs, self.model.core)  #: [s]
-        found = horizons.Starts.of(self.runs, self.horizon)
-        if not len(found.windows):
+        self._starts = horizons.Starts.of(self.runs, self.horizon)
+        if not len(self._starts.windows):
             raise GroundError("no run is long enough for predictions over %.2g s" % self.horizon)
         self._shapes: Dict[Tuple[int, float, float], Shape] = {}
-        self._starts = horizons.Starts(windows.spread(list(found.windows), FEW_WINDOWS), self.horizon)
 
     @property
     def names(self) -> List[str]:
@@ -96,11 +94,7 @@ class Predictor(Described):
 
     def noise(self, model: Model) -> PoseError:
         """The part of the error that the noise of the poses alone would leave if the model were true."""
-        with core_errors():
-            errors = horizons.artificial_errors(
-                self.runs, self._starts.windows, self.horizon, model.core, None
-            )
-        return PoseError.of(errors)
+        return horizons.with_floors(self.runs, self._starts, {}, model.core).mocap
 
     def motion(self, model: Model, run: str, start: float = 0.0, end: float = np.inf) -> PredictedMotion:
         """What is measured and predicted of a part of a run.

@@ -37,9 +37,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--horizon",
         type=command_line.positive,
-        default=1.5,
         metavar="S",
-        help="how far models predict (1.5) [s]",
+        help="how far models predict (what suits the craft) [s]",
     )
     bag_arguments.add_reading_arguments(group)
     parser.add_argument("--force", action="store_true", help="overwrite what exists")

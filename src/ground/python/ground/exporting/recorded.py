@@ -4,7 +4,7 @@ import math
 import os
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, List, NamedTuple, Sequence, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
@@ -46,7 +46,7 @@ class ExportedRun(Shown):
     name: str  #: of the run
     duration: float  #: [s]
     models: List[str]  #: labels of the models, in the order of the channels /model and /model2
-    horizon: float  #: how far ahead they predict [s]
+    horizon: float  #: how far ahead they predict [s]; 0 without models
     counts: Dict[str, int]  #: messages by channel, without the scene's
 
     def headline(self, written: str = "") -> List[Line]:
@@ -83,7 +83,7 @@ def to_mcap(
     recording: "Union[Recording, Path]",
     path: Path,
     models: Iterable[ModelLike] = (),
-    horizon: float = 1.5,
+    horizon: Optional[float] = None,
     force: bool = False,
 ) -> ExportedRun:
     """Writes a run to an MCAP file, for Foxglove and other viewers.
@@ -120,7 +120,10 @@ def to_mcap(
         raise GroundError("an MCAP file has one run, not %d" % len(found))
     run = found[0].with_lift_of(given[0].core) if given else found[0]
     labels = distinct_labels([m.label for m in given], [m.path for m in given])
-    predicted = [model.predict(run, horizon) for model in given]
+    predicted: "List[Prediction]" = []
+    for model in given:
+        predicted.append(model.predict(run, horizon))
+        horizon = horizon or predicted[0].horizon
     missing = [_missing(made) for made in predicted]
     with files.new_file(place, force) as temporary:
         os.unlink(temporary)  # foxglove writes new files only
@@ -142,7 +145,7 @@ def to_mcap(
         run.name,
         run.duration,
         labels,
-        horizon,
+        horizon or 0.0,
         {topic: count for topic, count in counts.items() if count},
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import distributions, horizon, judge, window_error, windows
-from ground.analysis.horizon import ModelsAt, PredictionError, Starts
+from ground.analysis.horizon import ModelsAt, PredictionError
 from ground.analysis.window_error import WindowFit
 from ground.data import bag_arguments
 from ground.data.measured import Measured, held_out, measured
@@ -28,7 +28,7 @@ from ground.models import (
 )
 from ground.reports import effect_words, words
 from ground.support import command_line, records
-from ground.support.annotations import Array, Path
+from ground.support.annotations import Path
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
 from ground.support.results import Shown
@@ -204,21 +204,14 @@ def add(
         models = {name: functools.partial(fitter.models_at, one) for name, one in fits.items()}
     at = horizon.Starts.of(tested, seconds)
     off = {name: at.errors(tested, own(at.windows)) for name, own in models.items()}
-    prediction = _prediction(tested, at, off, after.model)
+    prediction = None
+    if len(at.windows):
+        position = {name: horizon.PoseError.of(found) for name, found in off.items()}
+        prediction = horizon.with_floors(tested, at, position, after.model)
     part_of = window_error.parts_of(tested, at.windows)
     larger, smaller = (judge.Tested(off[name], part_of) for name in ("with", "without"))
     judged = judge.compared(larger, smaller, horizon.what_matters(tested))
     return _result(candidate.name, seen, fitter.windows, before, after, errors, prediction, judged)
-
-
-def _prediction(
-    runs: Sequence[_core.RunData], at: Starts, off: Dict[str, Array], truth: _core.Model
-) -> Optional[PredictionError]:
-    """horizon.prediction_error of models whose errors at all starts are known."""
-    few = windows.spread(list(at.windows), window_error.FEW_WINDOWS)
-    chosen = [i for i, window in enumerate(at.windows) if any(window is one for one in few)]
-    errors = {name: horizon.PoseError.of(found[chosen]) for name, found in off.items()}
-    return horizon.with_floors(runs, Starts(few, at.seconds), errors, truth) if few else None
 
 
 def _result(

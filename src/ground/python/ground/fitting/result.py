@@ -126,7 +126,7 @@ class Fit(Shown, Plotted, Estimated):
     def predict(
         self,
         recording: "Union[Recording, Path]",
-        horizon: float = 1.5,
+        horizon: Optional[float] = None,
         band: Optional[float] = None,
         **options: Any,
     ) -> "Prediction":

@@ -346,7 +346,7 @@ class Recording(Plotted):
         return np.asarray((at[1] - at[0]) / width)
 
     def to_frame(
-        self, raw: bool = False, model: "Union[Model, Path, None]" = None, horizon: float = 1.5
+        self, raw: bool = False, model: "Union[Model, Path, None]" = None, horizon: Optional[float] = None
     ) -> "pandas.DataFrame":
         """The motion, and the commands held at its times, as a table.
 
