@@ -259,7 +259,7 @@ class Comparison(_Frame, Plotted):
         matlab.write(path, self.models, studied, force)
 
     def save(self, folder: Path, page: bool = True, force: bool = False) -> str:
-        """Writes compare.json, for every run the missing wrench as CSV, and a page.
+        """Writes compare.json, the missing wrench of each run as CSV, and a page; an older comparison goes.
 
         Parameters
         ----------

@@ -199,7 +199,7 @@ class Diagnosis(Shown, Plotted, Estimated):
 
     def save(self, folder: Path, force: bool = False) -> List[str]:
         """Writes diagnosis.json, improved.yaml, report.html and, where there are any, proposal.yaml and
-        next_experiment.csv.
+        next_experiment.csv. Files of an older diagnosis in the folder go.
 
         Returns
         -------

@@ -165,10 +165,8 @@ def discover(
 
     Raises
     ------
-    OptionError
-        When an option is wrong.
     GroundError
-        When the craft cannot fly, or the folder is not from a discovery of this model.
+        When an option is wrong, the craft cannot fly, or the folder is not from a discovery of this model.
 
     Examples
     --------

@@ -14,14 +14,14 @@ INTERNAL = ":meta private:"  # Sphinx leaves it out
 ROWS = {  # parameters that mean the same everywhere
     "recordings": "Recording, path, or several\n    Recordings or bags.",
     "holdout": "Recording, path, or several, optional\n    Recordings or bags to test on.",
-    "model": "Model or path\n    The model that predicts.",
+    "model": "Model or path\n    Model of the craft.",
     "recording": "Recording or path\n    A single run.",
     "horizon": "float, optional\n    How far each prediction goes [s]; by default what suits the craft, as in `compare`.",
     "run": "str\n    Name of a run; empty: the first.",
     "start": "float\n    Start on the run's clock [s].",
     "end": "float\n    End on the run's clock [s].",
     "path": "path\n    The file.",
-    "folder": "path\n    The folder; files of an older result go.",
+    "folder": "path\n    The folder.",
     "files": "mapping or sequence, optional\n    CSV files of the run, or of each run, by model.",
     "force": "bool, default False\n    Overwrite what exists.",
     "progress": "callable, optional\n    Called with a `ground.support.progress.Report` at each step.",
@@ -65,7 +65,8 @@ def complete(function: _F) -> _F:
     known = {name for row in rows for name in row.partition(" :")[0].split(", ")}
     names = list(signature.parameters)
     rows += ["%s : %s" % (name, ROWS[name]) for name in names if name in ROWS.keys() - known]
-    rows.sort(key=lambda row: names.index(re.split(r"\W", row.lstrip("*"))[0]))
+    order = {name: i for i, name in enumerate(names)}
+    rows.sort(key=lambda row: order.get(re.split(r"\W", row.lstrip("*"))[0], len(order)))
     found["Parameters"] = "\n".join(rows)
     if signature.return_annotation is not None:
         found.setdefault("Returns", type_name(signature.return_annotation))
