@@ -243,8 +243,8 @@ def _valid_lines(seen: Seen) -> Iterator[str]:
     flags = [name for name in flags if set(levels.finite(seen.whole[name])) == {0.0, 1.0}]
     for number, name in enumerate(flags):
         others = set(words.split(name)) - words.VALID - words.MEASURED - words.PLACED - words.TURNED - {"is"}
-        mark = MARK if len(flags) > 1 or others else ""
         share = 100 * np.mean(levels.finite(seen.whole[name]))
+        mark = MARK if len(flags) > 1 or others or share < 50 else ""
         line = "%svalid: %s  # %s1 in %.0f%% of the rows"
         yield line % ("# " * (number > 0), clocks.quoted(name), mark, share)
 
@@ -260,7 +260,8 @@ def _other_headings(seen: Seen, pose: sightings.PoseColumns) -> List[str]:
 def _unit_of(seen: Seen, pose: sightings.PoseColumns, times: Array, position: Array) -> Tuple[str, str]:
     """The unit of a position; why that may be another one, and its speed, with a place for its ranges."""
     likely, fast = units.length_units(times, position)
-    said, evidence = seen.units.get(pose.position[0], ""), "%%s, %.3g a second" % fast
+    every, evidence = {seen.units.get(path, "") for path in pose.position}, "%%s, %.3g a second" % fast
+    said = every.pop() if len(every) == 1 else ""
     if pose.kind == "fix":
         is_named = words.axis(pose.position[0])[0] in ("lat", "lon")
         return "deg", ("" if is_named else MARK + "the numbers alone look like degrees, ") + evidence

@@ -81,9 +81,9 @@ SENSED = set(
     "frame step index idx id count counter row quality residual marker mean bias zero offset phase weight "
     "load force torque current power energy armed arm estop flag valid received checksum crc position pos "
     "pose quaternion orientation error err target desired setpoint goal hex fix gps roll pitch depth "
-    "pressure humidity light sensor measured meas tracked tracking visible".split()
+    "pressure humidity light sensor measured meas tracked tracking visible lost occluded".split()
 )
-VALID = {"valid", "tracked", "tracking", "visible"}  # flags of rows that have a pose
+VALID = {"valid", "tracked", "tracking", "visible", "lost", "occluded"}  # flags of rows with a pose, or none
 STRONG = set(
     "thruster thrusters thr thrust motor motors pwm valve valves rudder rudders prop propeller propellers "
     "rpm rps throttle lift fan servo servos esc cmd cmds command commands control controls ctrl actuator "
