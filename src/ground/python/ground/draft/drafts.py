@@ -373,8 +373,8 @@ def _heading_unit(said: str, times: Array, position: Array, headings: Array) -> 
     largest, better = np.abs(headings).max(), turns["deg"].resultant > turns["rad"].resultant
     far = abs(headings[0]) > 2 * math.pi
     degrees = far or units.in_degrees(times, headings) or (better and largest < 361)
-    unit = "deg" if largest > 2 * math.pi + 0.01 and degrees else "rad"
-    unit = said if said in turns else unit
+    guess = "deg" if largest > 2 * math.pi + 0.01 and degrees else "rad"
+    unit = said if said in turns else guess
     return unit, turns[unit]
 
 
