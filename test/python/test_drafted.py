@@ -107,6 +107,8 @@ def ticks(run):
             NAMES.replace("t [s]", "t [ms]"),
             lambda r: {"t": r.times % 1e4},
         ),
+        ("heading: .*undecided: it steps", NAMES, lambda r: {"psi": np.degrees(r.psi)}),
+        ("heading: .*undecided: it steps", NAMES.replace("[rad]", "[deg]"), lambda r: {}),
         ("position: .*undecided: no unit", NAMES.replace("y [m]", "y [mm]"), lambda r: {"y": 1e3 * r.y}),
         ("valid: lost  # undecided", NAMES + "|lost", lambda r: {"lost": 1.0 * (np.arange(1200) % 100 > 96)}),
         ("time: .*undecided: by s, 0.1 rows", NAMES, lambda r: {"t": 1e3 * (r.times - r.times[0])}),

@@ -210,8 +210,7 @@ def _place(candidates: Sequence[Seen], in_folder: bool, is_whole: bool = True) -
 
 
 def _pose_lines(candidates: Sequence[Seen], in_folder: bool, is_sided: bool) -> Iterator[str]:
-    """Keys of the likeliest poses. is_sided: whether commands are named left and right, so that the motion
-    verifies which way headings count."""
+    """Keys of the likeliest poses. is_sided: whether sides of commands verify which way headings count."""
     if not candidates:
         yield "topic: ''  # %snothing seems to have poses; name the fields that have them:" % MARK
         yield "# position: {fields: [X, Y], unit: m}"
@@ -337,8 +336,9 @@ def _planar_lines(seen: Seen, pose: sightings.PoseColumns, is_sided: bool) -> It
     said = "rad" if known else seen.units.get(name, "")
     turn_unit, turn = _heading_unit(said, times, metres, rotation[:, 0])
     fields, sign, offset, why = pose.position, 1, "", ""
-    if said not in ANGLES and not units.wraps(rotation[:, 0], math.tau / ANGLES[turn_unit]):
-        why = ", %sno unit is given" % MARK
+    is_other = units.wraps(rotation[:, 0], {"deg": math.tau, "rad": 360.0}[turn_unit])
+    if is_other or (said not in ANGLES and not units.wraps(rotation[:, 0], math.tau / ANGLES[turn_unit])):
+        why = ", %s%s" % (MARK, "it steps by a turn in the other unit" if is_other else "no unit is given")
     if turn.is_clear and turn.sign < 0:
         sideways = abs(abs(turn.offset) - math.pi / 2) < math.pi / 4
         if sideways and pose.kind == "xy":  # a compass over east and north
