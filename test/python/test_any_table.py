@@ -203,6 +203,8 @@ NAMES = {
     "ned": "t|x_ned|y_ned|yaw|thr_left|thr_right|thr_lift",
     "x north": "t [s]|x_n [m]|y_e [m]|psi [rad]|tau_port|tau_stbd|lift",
     "German": "Zeit [s]|x [m]|y [m]|Winkel [rad]|links|rechts|Auftrieb",
+    "German, umlauts": "Zeit [s]|x [m]|y [m]|Winkel [rad]|Lüfter links|Lüfter rechts|Lüfter Auftrieb",
+    "French": "temps [s]|x [m]|y [m]|cap [rad]|gauche|droite|sustentation",
     "north and east": "utc|north|east|course_psi|u_left|u_right|u_lift",
 }
 

@@ -102,6 +102,15 @@ def ticks(run):
             "t [s]|x_ned [m]|y_ned [m]|yaw [rad]|motor_a|motor_b",
             lambda r: {"psi": -r.psi},
         ),
+        (
+            "time: .*undecided: by ms, 1e.05 rows",
+            NAMES.replace("t [s]", "t [ms]"),
+            lambda r: {"t": r.times % 1e4},
+        ),
+        ("heading: .*undecided: it steps", NAMES, lambda r: {"psi": np.degrees(r.psi)}),
+        ("heading: .*undecided: it steps", NAMES.replace("[rad]", "[deg]"), lambda r: {}),
+        ("position: .*undecided: no unit", NAMES.replace("y [m]", "y [mm]"), lambda r: {"y": 1e3 * r.y}),
+        ("valid: lost  # undecided", NAMES + "|lost", lambda r: {"lost": 1.0 * (np.arange(1200) % 100 > 96)}),
         ("time: .*undecided: by s, 0.1 rows", NAMES, lambda r: {"t": 1e3 * (r.times - r.times[0])}),
         ("other headings: heading .rad.", NAMES + "|heading [rad]", lambda r: {"heading": drifted(r)}),
         (
@@ -138,7 +147,7 @@ def test_names_that_the_motion_refutes_are_refused(run, tmp_path):
     assert "swapped" in refusal(written(tmp_path, swapped))
 
 
-@pytest.mark.parametrize("flag", ["", "mocap_valid"])
+@pytest.mark.parametrize("flag", ["", "mocap_valid"], ids=["zeros", "a flag"])
 @pytest.mark.parametrize("lost", [slice(0, 90), slice(400, 460), slice(900, None)])
 def test_poses_of_a_body_that_is_lost_are_left_out(run, tmp_path, flag, lost):
     """They are zeros, or a flag says that they are none."""

@@ -36,9 +36,11 @@ def read(path: str, given: FieldMapping, why: GroundError) -> List[Recording]:
     found = [runs for runs in tried if runs and all(_fits(run, is_complete=not left) for run in runs)]
     if len(found) == 1 and (found[0] is tried[0] or not undecided.is_height_clear(text)):
         return found[0]
-    doubts = [one for runs in tried for run in runs for one in _misread(run)]
-    # The frame that is left to decide is wrong in one of the tried ways.
-    left += dict.fromkeys(one.sentence for one in doubts if not left or one.kind not in layouts.GRAVEST)
+    doubts = [[one for run in runs for one in _misread(run)] for runs in tried]
+    # Of a frame that is left to decide, one way is wrong: that says nothing unless the other one is, too.
+    is_refuted = all(any(one.kind in layouts.GRAVEST for one in own) for own in doubts)
+    for own in doubts[:1]:
+        left += [one.sentence for one in own if is_refuted or one.kind not in layouts.GRAVEST]
     if not left:
         raise why
     more = " | and %d more" % (len(left) - MAX_NAMED) if len(left) > MAX_NAMED else ""

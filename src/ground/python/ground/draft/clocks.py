@@ -14,7 +14,7 @@ from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
 RATES = (2.0, 1000.0)  # of rows, of which one unit of time alone can be [Hz]
-SELDOM = 1.0  # rate of rows below which a unit that is given may be another one [Hz]
+GIVEN_RATES = (1.0, 1e4)  # the same of a unit that is given [Hz]
 CLEARLY = 0.5  # by which the name of a time is likelier than others
 LONGEST = 20.0  # usual time between rows up to which times may be days [s]
 
@@ -122,11 +122,10 @@ def _doubt(
     steps = np.diff(times[np.isfinite(times)])
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     rate = "by %s, %.3g rows come in a second" % (clock.unit, 1 / usual)
-    if said:
-        return "" if 1 / usual > SELDOM else rate
-    if not clock.unit or (RATES[0] < 1 / usual < RATES[1] and not _are_ticks(clock, numbers)):
+    least, most = GIVEN_RATES if said else RATES
+    if not clock.unit or (least < 1 / usual < most and (said or not _are_ticks(clock, numbers))):
         return ""
-    return "no unit is given; " + rate
+    return rate if said else "no unit is given; " + rate
 
 
 def _are_ticks(clock: Clock, numbers: Mapping[str, Array]) -> bool:

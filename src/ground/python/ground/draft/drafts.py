@@ -210,8 +210,7 @@ def _place(candidates: Sequence[Seen], in_folder: bool, is_whole: bool = True) -
 
 
 def _pose_lines(candidates: Sequence[Seen], in_folder: bool, is_sided: bool) -> Iterator[str]:
-    """Keys of the likeliest poses. is_sided: whether commands are named left and right, so that the motion
-    verifies which way headings count."""
+    """Keys of the likeliest poses. is_sided: whether sides of commands verify which way headings count."""
     if not candidates:
         yield "topic: ''  # %snothing seems to have poses; name the fields that have them:" % MARK
         yield "# position: {fields: [X, Y], unit: m}"
@@ -243,8 +242,8 @@ def _valid_lines(seen: Seen) -> Iterator[str]:
     flags = [name for name in flags if set(levels.finite(seen.whole[name])) == {0.0, 1.0}]
     for number, name in enumerate(flags):
         others = set(words.split(name)) - words.VALID - words.MEASURED - words.PLACED - words.TURNED - {"is"}
-        mark = MARK if len(flags) > 1 or others else ""
         share = 100 * np.mean(levels.finite(seen.whole[name]))
+        mark = MARK if len(flags) > 1 or others or share < 50 else ""
         line = "%svalid: %s  # %s1 in %.0f%% of the rows"
         yield line % ("# " * (number > 0), clocks.quoted(name), mark, share)
 
@@ -260,7 +259,8 @@ def _other_headings(seen: Seen, pose: sightings.PoseColumns) -> List[str]:
 def _unit_of(seen: Seen, pose: sightings.PoseColumns, times: Array, position: Array) -> Tuple[str, str]:
     """The unit of a position; why that may be another one, and its speed, with a place for its ranges."""
     likely, fast = units.length_units(times, position)
-    said, evidence = seen.units.get(pose.position[0], ""), "%%s, %.3g a second" % fast
+    every, evidence = {seen.units.get(path, "") for path in pose.position}, "%%s, %.3g a second" % fast
+    said = every.pop() if len(every) == 1 else ""
     if pose.kind == "fix":
         is_named = words.axis(pose.position[0])[0] in ("lat", "lon")
         return "deg", ("" if is_named else MARK + "the numbers alone look like degrees, ") + evidence
@@ -336,8 +336,9 @@ def _planar_lines(seen: Seen, pose: sightings.PoseColumns, is_sided: bool) -> It
     said = "rad" if known else seen.units.get(name, "")
     turn_unit, turn = _heading_unit(said, times, metres, rotation[:, 0])
     fields, sign, offset, why = pose.position, 1, "", ""
-    if said not in ANGLES and not units.wraps(rotation[:, 0], math.tau / ANGLES[turn_unit]):
-        why = ", %sno unit is given" % MARK
+    is_other = units.wraps(rotation[:, 0], {"deg": math.tau, "rad": 360.0}[turn_unit])
+    if is_other or (said not in ANGLES and not units.wraps(rotation[:, 0], math.tau / ANGLES[turn_unit])):
+        why = ", %s%s" % (MARK, "it steps by a turn in the other unit" if is_other else "no unit is given")
     if turn.is_clear and turn.sign < 0:
         sideways = abs(abs(turn.offset) - math.pi / 2) < math.pi / 4
         if sideways and pose.kind == "xy":  # a compass over east and north
@@ -372,8 +373,8 @@ def _heading_unit(said: str, times: Array, position: Array, headings: Array) -> 
     largest, better = np.abs(headings).max(), turns["deg"].resultant > turns["rad"].resultant
     far = abs(headings[0]) > 2 * math.pi
     degrees = far or units.in_degrees(times, headings) or (better and largest < 361)
-    unit = "deg" if largest > 2 * math.pi + 0.01 and degrees else "rad"
-    unit = said if said in turns else unit
+    guess = "deg" if largest > 2 * math.pi + 0.01 and degrees else "rad"
+    unit = said if said in turns else guess
     return unit, turns[unit]
 
 

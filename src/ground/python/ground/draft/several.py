@@ -90,7 +90,7 @@ def _name(topic: str, path: str, marks: str, is_only: bool) -> str:
 
 
 def _parts(topic: str) -> List[str]:
-    return [word.lower() for word in re.findall(r"[A-Za-z]+|\d+", END.sub("", topic))]
+    return [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", END.sub("", topic))]
 
 
 def _is_mark(word: str) -> bool:

@@ -57,8 +57,7 @@ KINDS = {
     "geometry_msgs/Pose2D": PoseFields("", heading="theta"),
 }
 SELDOM = ("geometry_msgs/Pose", "geometry_msgs/Pose2D")  # types without a header
-# Share of the steps of a craft that are usual, and the least of its leaps in the largest of these
-USUAL, LEAP = 0.95, 5.0
+USUAL, LEAP = 0.95, 5.0  # share of the steps of a craft that are usual; least leap [largest of these]
 STATIC = "tf_static"  # last name of topics with transforms that do not change
 AMBIGUOUS = ("geometry_msgs/PointStamped", "geometry_msgs/Transform")  # no poses unless so named
 

@@ -40,7 +40,7 @@ def _parted(name: str) -> Tuple[str, str]:
     bracket = re.search(r"\s*[\[({]\s*([^\])}\[({]*?)\s*[\])}]\s*$", name)
     if bracket and not bracket.group(1).isdigit():
         return name[: bracket.start()], unit(bracket.group(1))
-    end = re.search(r"(?<=[A-Za-z0-9])(?:[_ .]|\s*/\s*)(%s)$" % "|".join(IN_NAMES), name, re.I)
+    end = re.search(r"(?<=[^\W_])(?:[_ .]|\s*/\s*)(%s)$" % "|".join(IN_NAMES), name, re.I)
     if end:
         return name[: end.start()], unit(end.group(1))
     joined = re.search(r"(?<=[a-z])(Deg|Rad|Ms|Ns|Us|Sec|Mm|Cm)$", name)  # yawDeg
@@ -50,12 +50,12 @@ def _parted(name: str) -> Tuple[str, str]:
 def split(name: str) -> List[str]:
     """The words of a name without its unit, in small letters: "poseX" and "pose_x" are pose, x."""
     text = re.sub(r"([a-z])([A-Z])", r"\1 \2", bare(re.sub(r"#\d+$", "", name)))
-    return [word.lower() for word in re.findall(r"[A-Za-z]+|\d+", text)]
+    return [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", text)]
 
 
 TIME = set(
     "t time times timestamp timestamps stamp stamps sec secs seconds epoch utc clock datetime unix elapsed "
-    "ts unixtime rostime walltime zeit msec usec nsec millis micros date".split()
+    "ts unixtime rostime walltime zeit msec usec nsec millis micros date temps tiempo tempo tijd tid".split()
 )
 # Times other than the times of the samples
 OTHER_TIMES = set(
@@ -81,26 +81,28 @@ SENSED = set(
     "frame step index idx id count counter row quality residual marker mean bias zero offset phase weight "
     "load force torque current power energy armed arm estop flag valid received checksum crc position pos "
     "pose quaternion orientation error err target desired setpoint goal hex fix gps roll pitch depth "
-    "pressure humidity light sensor measured meas tracked tracking visible".split()
+    "pressure humidity light sensor measured meas tracked tracking visible lost occluded".split()
 )
-VALID = {"valid", "tracked", "tracking", "visible"}  # flags of rows that have a pose
+VALID = {"valid", "tracked", "tracking", "visible", "lost", "occluded"}  # flags of rows with a pose, or none
+CHANNELS = {  # of a usual craft, by the words that name them
+    "left": set("left port l links backbord gauche izquierda izquierdo sinistra sinistro vänster".split()),
+    "right": set(
+        "right starboard stbd r rechts steuerbord droite droit derecha derecho destra höger".split()
+    ),
+    "lift": set("lift hover skirt levitation levitate cushion auftrieb sustentation".split()),
+}
 STRONG = set(
     "thruster thrusters thr thrust motor motors pwm valve valves rudder rudders prop propeller propellers "
-    "rpm rps throttle lift fan servo servos esc cmd cmds command commands control controls ctrl actuator "
-    "actuators act input inputs u left right port starboard stbd jet jets duty switch switches azimuth vane "
-    "vanes skirt sail bow stern tau hover demand solenoid solenoids output outputs nprop delta rc main tail "
-    "fin fins pump deflection steering steer nozzle".split()
+    "rpm rps throttle fan servo servos esc cmd cmds command commands control controls ctrl actuator "
+    "actuators act input inputs u jet jets duty switch switches azimuth vane vanes sail bow stern tau demand "
+    "solenoid solenoids output outputs nprop delta rc main tail fin fins pump deflection steering steer "
+    "nozzle".split()
 )
+STRONG |= {word for known in CHANNELS.values() for word in known if len(word) > 1}
 ACTUATORS = STRONG - set(
     "cmd cmds command commands control controls ctrl input inputs u pwm demand output outputs".split()
 )
 ANGLES = {"angle", "azimuth", "direction", "alpha", "angles", "swivel", "bearing"}  # of a thruster that turns
-# Channels of a usual craft, by the words that name them
-CHANNELS = {
-    "left": {"left", "port", "l", "links", "backbord", "gauche"},
-    "right": {"right", "starboard", "stbd", "r", "rechts", "steuerbord", "droite"},
-    "lift": {"lift", "hover", "skirt", "levitation", "levitate", "cushion", "auftrieb"},
-}
 PLACED = set("pos position pose translation location loc p tx place coordinate coord".split())
 FRAMED = {"ned", "enu", "mid", "world", "map", "odom", "global", "local", "m", "wgs", "utm"}
 MEASURED = set("telemetry mocap optitrack vicon vrpn qualisys measured meas gnss gps tracker".split())
@@ -164,7 +166,7 @@ def heading(name: str) -> Tuple[float, Stem]:
 
 def is_command(name: str) -> bool:
     """Whether a name has a word of commands, and none of what is measured."""
-    found = set(split(name)) | set(re.findall("[a-z]+", name.lower().replace("_", " ")))
+    found = set(split(name)) | set(re.findall(r"[^\W\d_]+", name.lower()))
     return bool(STRONG & found) and not is_measured(name)
 
 
