@@ -96,7 +96,8 @@ def test_every_symbol_of_a_formula_is_known_or_explained(craft):
 
 def test_a_formula_without_outer_parentheses_is_the_same_factor():
     values = {"a": 2.0, "b": -3.0, "u": 5.0}
-    for text in ("(a+b)", "((a+b)*u)", "(a*b)", "((a*b)-u)", "(-a)", "(a)*(b)", "u", "(((a-b)))", "(a-(b+u))", "(abs(a))*(u)"):
+    texts = "(a+b) ((a+b)*u) (a*b) ((a*b)-u) (-a) (a)*(b) u (((a-b))) (a-(b+u)) (abs(a))*(u)"
+    for text in texts.split():
         bare = formula_words._bare(text)
         assert eval("7*" + bare, values) == eval("7*" + text, values), (text, bare)
         assert len(bare) <= len(text)
@@ -114,7 +115,9 @@ def test_a_long_wave_may_be_its_variable():
 def test_a_direction_in_the_room_is_in_degrees():
     parameters = {"d": (math.pi / 2, "rad", 0.0, 3.0), "c": (0.012, "N", -1.0, 1.0)}
     term = formula_words.FormulaTerm(1, {}, parameters, "a force towards {d} of {c}", {}, ())
-    assert formula_words.of_pieces([term], {"d": math.pi / 2, "c": 0.012}) == "a force towards 90 deg of 12 mN"
+    assert (
+        formula_words.of_pieces([term], {"d": math.pi / 2, "c": 0.012}) == "a force towards 90 deg of 12 mN"
+    )
 
 
 def test_a_track_counts_what_is_after_its_settling():

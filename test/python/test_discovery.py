@@ -477,7 +477,9 @@ def test_nothing_is_sure_or_confirmed_while_something_is_left(tmp_path, swift, m
     said = dict(answer.lines(story, None))
     assert story.needed in said["Next"] and "Not confirmed" in said["Missing"]
     assert not said["Missing"].startswith("nothing is missing.")
-    assert "a moment of 0.2 mN m turns the craft to the right" in said["Missing"].replace("A moment", "a moment")
+    assert "a moment of 0.2 mN m turns the craft to the right" in said["Missing"].replace(
+        "A moment", "a moment"
+    )
 
 
 def test_it_ends_with_its_budget(tmp_path, swift):

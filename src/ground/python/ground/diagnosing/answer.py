@@ -226,7 +226,7 @@ def _undecided(report: DiagnosisReport, depends: bool) -> str:
         return words.pattern(report) + "."
     if report.improved.by == "simulation" and not report.steps:
         return "the likelihood takes what is left for a random push, but predicts worse than another fit."
-    told = "a random disturbance explains what is left as well as an effect would (of up to %.0f%% of it)."
+    told = "a random disturbance explains what is left as well as an effect of up to %.0f%% of it would."
     return told % float(100 * report.ceiling.bound)
 
 

@@ -255,7 +255,7 @@ def sentences(found: FlightDiagnosis, formulas: Mapping[str, Mapping[str, str]])
 
 
 def does(found: FlightDiagnosis) -> Dict[str, str]:
-    """What the effects found do with their values, by name; those of the library alone."""
+    """What the effects found do with their values, by name: effects of the library alone."""
     chosen = found.diagnosis.chosen
     said = {c.name: effect_words.of_fit(c.name, found.diagnosis.fit.parameters) for c in chosen}
     return {name: clause for name, clause in said.items() if clause}

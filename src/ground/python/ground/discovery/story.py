@@ -182,7 +182,9 @@ def _read(kind: Any, value: Any) -> Any:
     """A value of a type, from plain values. Every field has to be there that may not be absent."""
     if dataclasses.is_dataclass(kind):
         kinds = get_type_hints(kind)
-        own = [f.name for f in dataclasses.fields(kind) if f.name in value or records.ABSENT not in f.metadata]
+        own = [
+            f.name for f in dataclasses.fields(kind) if f.name in value or records.ABSENT not in f.metadata
+        ]
         return kind(**{name: _read(kinds[name], value[name]) for name in own})
     parts = get_args(kind)
     if get_origin(kind) is list:

@@ -43,8 +43,8 @@ FITTING = "fitting without the effect and with it"  # stage
 @dataclass(frozen=True)
 class Verdict:
     """Whether an effect helps. The error on held-out data must fall by more than chance explains, and its
-    parameters must differ from the values at which it does nothing, or be several that do so together. Where all masses of a craft are fitted,
-    only ratios of forces to masses are identifiable, and no parameter alone."""
+    parameters must differ from the values at which it does nothing, several perhaps only together. Where all
+    masses of a craft are fitted, only ratios of forces to masses are identifiable, and no parameter alone."""
 
     helps: bool
     change: float  #: relative change of the held-out error: -0.1 is 10% less

@@ -1,7 +1,7 @@
 """Markers of a discovery for rviz: what happens, and the belief in each effect on the right.
 
-Seen from above, x of world_ned is upwards and y to the right. The markers are over and beside the room, or in a
-view that follows the craft.
+Seen from above, x of world_ned is upwards and y to the right. The markers are over and beside the room, or
+in a view that follows the craft.
 """
 
 import textwrap
@@ -21,7 +21,7 @@ GAP = 0.35  # between the room and the markers [m]
 ABOVE_ROOM = 0.85  # how far the markers reach over the room's upper wall [m]
 LETTER = 0.11  # height of letters [m]
 ROW = 1.5  # height of a row, in letters
-NEAR = 132 / 420  # size of what the view near the craft shows, by that of a room
+NEAR = 132 / 420  # size of what the view near the craft shows, by the size of a room
 FOLLOWING = (0.9, -0.15, 0.85)  # in the view that follows: top, left edges of what happens and of beliefs [m]
 MOST_ROWS = 35  # most beliefs that are shown
 LETTERS = 62  # longest line of what happens
@@ -30,7 +30,8 @@ COLORS = {PRESENT: appearance.GOOD, OPEN: appearance.BUSY}
 
 
 def markers(status: Message, room: _core.RoomPlan, follows: bool) -> Message:
-    """The MarkerArray of a DiscoveryStatus; it replaces an earlier one. follows: the view follows the craft."""
+    """The MarkerArray of a DiscoveryStatus; it replaces an earlier one. follows: whether the view follows the
+    craft."""
     array = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
     array.markers[0].header.frame_id = "world_ned"
     beliefs = sorted(zip(status.beliefs, status.belief_effects, status.belief_states), reverse=True)

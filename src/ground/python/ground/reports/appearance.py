@@ -34,7 +34,8 @@ MARKS = ["circle", "square", "diamond", "triangle-up"]
 CHANNEL_NAMES = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 CHANNELS = [(c, name, unit(c)) for c, name in CHANNEL_NAMES.items()]
 WRENCH = list(missing_wrench.CHANNEL_NAMES.items())
-NUMBERS = ["model", "runs", "error [-]", "prediction error [-]", "thesis (3.4), 4 s [-]"]  # columns of numbers_row
+# Columns of numbers_row
+NUMBERS = ["model", "runs", "error [-]", "prediction error [-]", "thesis (3.4), 4 s [-]"]
 NUMBERS += ["fit %s [%%]" % c for c in CHANNEL_NAMES] + ["off after"]
 
 

@@ -86,8 +86,8 @@ def inspect(run: _core.RunData, model: _core.Model, label: str, role: str = "fit
 
 
 def missing_in(study: Inspection) -> str:
-    """What is missing in the model of a study: "missing in refitted: a yaw moment of 0.7 mN m rms (18% of full
-    thrust), which follows the command u_L-u_R"."""
+    """What is missing in the model of a study: "missing in refitted: a yaw moment of 0.7 mN m rms (18% of
+    full thrust), which follows the command u_L-u_R"."""
     channels = study.missing.numbers.channels
     name = _largest(channels)
     if channels[name].is_negligible:
