@@ -127,7 +127,8 @@ def _left(report: DiagnosisReport) -> str:
     agrees, found = report.agreement, report.prediction
     if not agrees.holds or found is None:
         return words.pattern(report) + "."
-    told = "what the model leaves, %s, is a random push" % off(found.errors["improved"])
+    differs = "what differs between runs, " if report.varies else ""
+    told = "what the model leaves, %s, is %sa random push" % (off(found.errors["improved"]), differs)
     if not _is_chance(report):
         told += " or an effect of something that was not recorded"
     return told + (": " + words.common(agrees.common) if agrees.common else "") + "."
