@@ -162,18 +162,18 @@ def _certainty(report: DiagnosisReport, step: AddedEffect) -> str:
         return "%s in the runs fitted to; the runs that you held out cannot confirm it" % sure
     if not fitted.is_better:
         return "Seen, not confirmed: parts of the runs that were held out cannot confirm it"
-    if _is_disputed(report, step.added):
-        return "Seen, not confirmed: single runs do not agree that it is there"
+    if _may_be_nothing(report, step.added):
+        return "Seen, not confirmed: with what single runs differ by, it may be nothing at all"
     return sure + (" that something acts like it" if _rest(report) else "")
 
 
-def _is_disputed(report: DiagnosisReport, name: str) -> bool:
-    """Whether runs differ so much that the intervals of an effect of the library contain nothing at all."""
+def _may_be_nothing(report: DiagnosisReport, name: str) -> bool:
+    """Whether the intervals of an effect of the library, widened by what runs differ by, contain nothing at
+    all."""
     values, known = report.improved.parameters, candidates.effects().get(name, {"parameters": []})
     neutral = {"%s.%s" % (name, p["name"]): p["neutral"] for p in known["parameters"] if not p["shape"]}
     found = [(values[key], value) for key, value in neutral.items() if key in values]
-    inside = [p.ci95[0] <= value <= p.ci95[1] for p, value in found]
-    return all(inside) and any(p.runs for p, _ in found)
+    return bool(found) and all(p.ci95[0] <= value <= p.ci95[1] for p, value in found)
 
 
 def _rest(report: DiagnosisReport) -> str:
