@@ -7,9 +7,16 @@ import shlex
 from typing import Iterator, List, Mapping, Union
 
 from ground.analysis.diagnosis import EXPLAINED
+from ground.analysis.distributions import DEVIATIONS, student_outside
 from ground.analysis.search import LEVEL
 from ground.diagnosing import words
-from ground.diagnosing.report import AddedEffect, DiagnosisReport, ScreenedEffect, TriedEffect
+from ground.diagnosing.report import (
+    AddedEffect,
+    DiagnosisReport,
+    ReportedParameter,
+    ScreenedEffect,
+    TriedEffect,
+)
 from ground.effect_library import candidates
 from ground.reports import effect_words
 from ground.reports.words import capital, listed, number, off, prediction
@@ -18,6 +25,7 @@ from ground.support.annotations import Document
 from ground.support.headline import Line
 
 MAX_SIZES = 3  # parameters of an effect that a row of its search has
+DENIED = 0.0499  # probability at an end of an interval of 95%
 # Words by the largest probability of as much evidence without the effect
 CERTAINTY = ((1e-6, "Very certain"), (1e-3, "Certain"), (math.inf, "Likely"))
 
@@ -127,7 +135,8 @@ def _left(report: DiagnosisReport) -> str:
     agrees, found = report.agreement, report.prediction
     if not agrees.holds or found is None:
         return words.pattern(report) + "."
-    told = "what the model leaves, %s, is a random push" % off(found.errors["improved"])
+    differs = "what differs between runs, " if report.varies else ""
+    told = "what the model leaves, %s, is %sa random push" % (off(found.errors["improved"]), differs)
     if not _is_chance(report):
         told += " or an effect of something that was not recorded"
     return told + (": " + words.common(agrees.common) if agrees.common else "") + "."
@@ -154,25 +163,37 @@ def _rest_matters(report: DiagnosisReport) -> bool:
 def _certainty(report: DiagnosisReport, step: AddedEffect) -> str:
     """How certain an effect is, and the evidence against it."""
     held, fitted = step.judged.holdout, step.judged.fitted
-    sure = _sure(step.p_corrected)
+    by_intervals = _chance_by_intervals(report, step.added)
+    sure = _sure(max(step.p_corrected, by_intervals))
     if held and held.is_worse:
         return "Contradicted by the runs that you held out: they are predicted worse with it"
     if held and not held.is_better:
         return "%s in the runs fitted to; the runs that you held out cannot confirm it" % sure
     if not fitted.is_better:
         return "Seen, not confirmed: parts of the runs that were held out cannot confirm it"
-    if _is_disputed(report, step.added):
-        return "Seen, not confirmed: single runs do not agree that it is there"
+    if by_intervals > DENIED:
+        return "Seen, not confirmed: with what single runs differ by, it may be nothing at all"
     return sure + (" that something acts like it" if _rest(report) else "")
 
 
-def _is_disputed(report: DiagnosisReport, name: str) -> bool:
-    """Whether runs differ so much that the intervals of an effect of the library contain nothing at all."""
+def _chance_by_intervals(report: DiagnosisReport, name: str) -> float:
+    """Probability that an effect of the library is nothing by the interval of its parameter that is furthest
+    from it, as of a normal variable. The intervals contain what runs differ by, the likelihood does not."""
     values, known = report.improved.parameters, candidates.effects().get(name, {"parameters": []})
     neutral = {"%s.%s" % (name, p["name"]): p["neutral"] for p in known["parameters"] if not p["shape"]}
-    found = [(values[key], value) for key, value in neutral.items() if key in values]
-    inside = [p.ci95[0] <= value <= p.ci95[1] for p, value in found]
-    return all(inside) and any(p.runs for p, _ in found)
+    found = [student_outside(_deviations(values[k], n)) for k, n in neutral.items() if k in values]
+    return min(found, default=0.0)
+
+
+def _deviations(p: ReportedParameter, neutral: float) -> float:
+    """Standard deviations between a parameter and its neutral value, by its interval on that side."""
+    (value, *ends), off = (p.value, *p.ci95), neutral
+    if math.isinf(neutral):
+        (value, *ends), off = (1 / x if x else math.inf for x in (value, *ends)), 0.0
+    half = max((abs(value - end) for end in ends if (end - value) * (off - value) > 0), default=0.0)
+    if value == off:
+        return 0.0
+    return DEVIATIONS * abs(value - off) / half if half else math.inf
 
 
 def _rest(report: DiagnosisReport) -> str:

@@ -211,7 +211,7 @@ def pattern(report: DiagnosisReport) -> str:
         )
     if found.common and found.common.stands_out:
         return common(found.common) + ", which no effect of the library and nothing recorded describes"
-    return "what is left acts at some times or places only, as draughts, cables, bad floor or late commands do"
+    return "what is left acts at some times or places only, as gusts, cables, bad floor or late commands do"
 
 
 def evidence(report: DiagnosisReport) -> Iterator[str]:
