@@ -9,7 +9,7 @@ from typing import Any, Callable, Collection, Dict, ForwardRef, Iterator, Type, 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 WIDTH = 100  # of generated text
-SECTIONS = ("Parameters", "Returns", "Other Parameters", "Raises", "Warns", "Examples")
+SECTIONS = "Parameters|Returns|Yields|Other Parameters|Raises|Warns|See Also|Notes|References|Examples"
 INTERNAL = ":meta private:"  # Sphinx leaves it out
 ROWS = {  # parameters that mean the same everywhere
     "recordings": "Recording, path, or several\n    Recordings or bags.",
@@ -85,14 +85,15 @@ def with_options(function: Callable[..., Any], kind: Type[Any]) -> str:
 
 def _sections(docstring: str) -> Dict[str, str]:
     """The sections of a docstring by title, "" for what is before the first."""
-    first, *others = re.split(r"^(\w[\w ]+)\n---+\n", inspect.cleandoc(docstring), flags=re.M)
+    first, *others = re.split(r"^(%s)\n---+\n" % SECTIONS, inspect.cleandoc(docstring), flags=re.M)
     head, arrows, rest = first.partition(">>>")
     return {"": head, "Examples": arrows + rest, **dict(zip(others[::2], others[1::2]))}
 
 
 def _joined(sections: Dict[str, str]) -> str:
-    titled = ["%s\n%s\n%s" % (t, "-" * len(t), sections[t].strip()) for t in SECTIONS if sections.get(t)]
-    return "\n\n".join([sections[""].strip(), *titled])
+    titles = [title for title in SECTIONS.split("|") if sections.get(title)]
+    texts = ["%s\n%s\n%s" % (title, "-" * len(title), sections[title].strip()) for title in titles]
+    return "\n\n".join([sections[""].strip(), *texts])
 
 
 def _described(kind: Type[Any], known: Collection[str]) -> Iterator[str]:
