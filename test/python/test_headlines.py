@@ -56,7 +56,7 @@ def test_a_fit_a_comparison_and_an_added_effect(bags, tmp_path):
     fitted, added = tmp_path / "fitted.yaml", tmp_path / "added.yaml"
     fit = said_by("fit", *bags, "--model", MODEL, "-o", fitted)
     assert re.match(PREDICTION, fit["Prediction after 1 s"])
-    assert "something is missing" in fit["Next"] and "identify diagnose" in fit["Next"]
+    assert "an effect is missing, or" in fit["Next"] and "identify diagnose" in fit["Next"]
     add = said_by("add", "motor_lag", *bags, "--model", fitted, "-o", added)
     assert "yes - motor_lag: tau" in add["Does it help"] and "use the model with it" in add["Next"]
     assert re.match(PREDICTION, add["Prediction after 1 s"])

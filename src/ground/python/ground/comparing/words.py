@@ -47,16 +47,13 @@ def _best(ranking: Ranking, found: Optional[PredictionError]) -> str:
 
 def _next(ranking: Ranking, finds: str, found: Optional[PredictionError]) -> str:
     """What to do next; finds: the command that finds what is missing."""
-    best, ratio = ranking.best, words.times_the_mocap(found, ranking.best)
+    best, more = ranking.best, words.more_acts(found, ranking.best, finds)
     if ranking.role == "fit":
         asked = "which model predicts better" if len(ranking.errors) > 1 else "how well it predicts"
         used = listed(ranking.fitted)
         return "record other runs to learn %s: these were used to fit %s" % (asked, used)
-    if ratio > words.MISSING:
-        return (
-            "something is missing in %s: its predictions are off by %s times what the mocap explains. "
-            "This finds it:\n%s" % (best, words.two_digits(ratio), finds)
-        )
+    if more:
+        return more
     if ranking.equal:
         return "record more runs to decide, or use the simplest model"
     if not found:

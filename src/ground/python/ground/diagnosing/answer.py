@@ -19,7 +19,7 @@ from ground.diagnosing.report import (
 )
 from ground.effect_library import candidates
 from ground.reports import effect_words
-from ground.reports.words import capital, listed, number, off, prediction
+from ground.reports.words import capital, is_pushed, listed, number, off, prediction
 from ground.support import records
 from ground.support.annotations import Document
 from ground.support.headline import Line
@@ -153,6 +153,8 @@ def _rest_matters(report: DiagnosisReport) -> bool:
     found, least = report.prediction, report.matters
     if found is None or least is None:
         return False
+    if report.agreement.holds and found.disturbed and not is_pushed(found):
+        return False  # the likelihood of the same poses sees no push
     error, mocap = found.errors["improved"], found.mocap
     return (
         error.position_mm**2 - mocap.position_mm**2 > least.position_mm**2

@@ -105,6 +105,9 @@ class Addition(Shown, Estimated):
         values += ", so that " + does if does else ""
         answer = "yes" if self.verdict.helps else "no"
         do = "use the model with it" if self.verdict.helps else "keep the model without it"
+        more = words.more_acts(self.prediction, "with", words.diagnosing("addition.model", written))
+        if self.verdict.helps and more:
+            do = "%s; %s" % (do, more)
         return [
             ("Does it help", "%s - %s: %s; %s." % (answer, self.effect, values, self.verdict.reason)),
             *words.prediction(self.prediction, "without", "with"),

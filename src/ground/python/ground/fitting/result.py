@@ -298,7 +298,6 @@ class Fit(Shown, Plotted, Estimated):
     def _next(self, unknown: Sequence[str], written: str) -> str:
         from ground.reports import words
 
-        ratio = words.times_the_mocap(self.prediction, "fitted")
         if self.given.doubts:
             return "correct the model that was given, and fit again: %s" % self.given.doubts[0]
         if self.runaway:
@@ -309,14 +308,9 @@ class Fit(Shown, Plotted, Estimated):
             )
         if unknown:
             return "fix %s, or record runs with other commands" % words.listed(list(unknown))
-        if ratio > words.MISSING:
-            finds = "ground.diagnose(fit.model, RECORDINGS)"
-            if written:
-                finds = "rosrun ground identify diagnose BAGS --model %s -o diagnosis" % shlex.quote(written)
-            return (
-                "something is missing: predictions are off by %s times what the mocap explains. This "
-                "finds it:\n%s" % (words.two_digits(ratio), finds)
-            )
+        more = words.more_acts(self.prediction, "fitted", words.diagnosing("fit.model", written))
+        if more:
+            return more
         if self.prediction is None:
             return "record longer runs, to see how far predictions are off"
         tests = "ground.compare(fit.model, OTHER_RECORDINGS)"

@@ -1,14 +1,15 @@
 """Numbers, lists and sentences as text."""
 
 import math
+import shlex
 from typing import List, Optional, Union
 
 from ground.analysis.horizon import PoseError, PredictionChange, PredictionError
 from ground.support.headline import Line
 
-# Least ratio to what the mocap alone leaves from which something is missing: above the scatter of some seven
-# independent predictions
-MISSING = 2.0
+# Least ratio to what the mocap alone leaves from which more acts than the model has: above the scatter of some
+# seven independent predictions
+MORE_ACTS = 2.0
 LEAST = 1e-9  # error that is as good as none [mm], [deg]
 MATTERS = 1.2  # least ratio to what the mocap alone leaves at which the random disturbance is named
 
@@ -61,15 +62,41 @@ def prediction(found: Optional[PredictionError], first: str, last: str, **beside
     if found is None:
         return []
     notes = [("the mocap alone", found.mocap)]
-    if found.disturbed and (
-        found.disturbed.position_mm > MATTERS * found.mocap.position_mm
-        or found.disturbed.heading_deg > MATTERS * found.mocap.heading_deg
-    ):
+    if found.disturbed and is_pushed(found):
         notes.append(("with the random disturbance", found.disturbed))
     notes += [(words, found.errors[name]) for name, words in beside.items() if name in found.errors]
     shown = " -> ".join(off(found.errors[name]) for name in dict.fromkeys((first, last)))
     told = "; ".join("%s: %s" % (what, off(error)) for what, error in notes)
     return [(after(found.seconds), "%s (%s)" % (shown, told))]
+
+
+def is_pushed(found: PredictionError) -> bool:
+    """Whether a random disturbance of the size that the likelihood found, if it did, leaves clearly more than
+    the mocap alone."""
+    disturbed, mocap = found.disturbed or found.mocap, found.mocap
+    return (
+        disturbed.position_mm > MATTERS * mocap.position_mm
+        or disturbed.heading_deg > MATTERS * mocap.heading_deg
+    )
+
+
+def more_acts(found: Optional[PredictionError], name: str, finds: str) -> str:
+    """What to do if a model's predicted poses are off by more than the mocap explains; empty if they are not.
+    finds: the command that finds what is missing."""
+    ratio = times_the_mocap(found, name)
+    if not ratio > MORE_ACTS:
+        return ""
+    return (
+        "predictions are off by %s times what the mocap explains: an effect is missing, or something pushes at "
+        "random. This says which:\n%s" % (two_digits(ratio), finds)
+    )
+
+
+def diagnosing(model: str, written: str) -> str:
+    """The command that finds what is missing in a model: its name in Python, and its file if it is written."""
+    if not written:
+        return "ground.diagnose(%s, RECORDINGS)" % model
+    return "rosrun ground identify diagnose BAGS --model %s -o diagnosis" % shlex.quote(written)
 
 
 def times_the_mocap(found: Optional[PredictionError], name: str) -> float:
