@@ -10,6 +10,7 @@ import types
 
 import numpy as np
 import pytest
+import yaml
 
 import ground
 from browsing import assert_fits, assert_sound, open_page
@@ -624,3 +625,28 @@ def test_the_evidence_of_a_comparison_is_a_statistic():
     half = [tracking.evidence(a, b / 2) for a, b in zip(before, after)]
     assert np.mean(np.array(alike) > tracking.CLEAR) < 0.03
     assert np.mean(np.array(half) > tracking.CLEAR) > 0.95
+
+
+# --- rviz
+
+
+def test_the_texts_of_a_discovery_lie_in_the_default_view():
+    pytest.importorskip("visualization_msgs")
+    from ground.nodes import discovery_markers
+
+    layout = yaml.safe_load((ROOT / "cfg/rviz/ground.rviz").read_text())
+    view, window = layout["Visualization Manager"]["Views"]["Current"], layout["Window Geometry"]
+    half = [(window["Height"] - 92) / 2, (window["Width"] - 32) / 2]  # without menu, tools and borders
+    effects = sorted(candidates.effects())
+    status = types.SimpleNamespace(
+        beliefs=[1.0] * len(effects), belief_effects=effects, belief_states=["open"] * len(effects),
+        effects=effects[:2], flown=40.0, budget=180.0, ended=False, reason="", activity="flies " * 60,
+    )  # fmt: skip
+    shown = discovery_markers.markers(status, _core.load_room(str(ROOM)), True).markers
+    texts = [one for one in shown if one.text]
+    assert len(texts) > len(effects)
+    for one in texts:
+        assert one.header.frame_id == view["Target Frame"] and one.frame_locked
+        size = one.scale.z, one.scale.z * _core.text_width(one.text)
+        for at, extent, most in zip((one.pose.position.x, one.pose.position.y), size, half):
+            assert view["Scale"] * (abs(at) + extent / 2) < most, one.text
