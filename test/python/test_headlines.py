@@ -135,6 +135,14 @@ def test_an_effect_is_as_certain_as_its_interval_says(report):
             assert word in told and ("ertain." in told) == (part < 0.8), told
 
 
+def test_an_effect_at_the_end_of_its_range_is_another_effect_that_acts_like_it(report):
+    found, tau = copy.deepcopy(report), report["improved"]["parameters"]["motor_lag.tau"]
+    for at_bound in (False, True):
+        found["improved"]["parameters"]["motor_lag.tau"] = dict(tau, at_bound=at_bound)
+        told = lines_of(found)[0][1]
+        assert ("beyond the range of tau" in told, "acts like it" in told) == (at_bound, at_bound), told
+
+
 def test_runs_that_do_not_tell_effects_apart_name_the_experiment(report):
     found = copy.deepcopy(report)
     found["steps"][0]["group"] = ["motor_lag", "input_delay"]
