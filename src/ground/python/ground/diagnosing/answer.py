@@ -248,6 +248,8 @@ def _undecided(report: DiagnosisReport, depends: bool) -> str:
     """Why runs cannot decide whether something is missing. depends: they show what it may depend on."""
     if number(report.noise_floor) == "-":
         return "the model's motion is not finite along whole runs, so that what noise leaves is not known."
+    if report.agreement.frequency:
+        return words.pattern(report) + "."
     refuted = [dropped for dropped in report.dropped if dropped.change is None]
     if refuted:
         best = words.effect(report, refuted[-1].effect)
