@@ -135,6 +135,23 @@ def test_an_effect_is_as_certain_as_its_interval_says(report):
             assert word in told and ("ertain." in told) == (part < 0.8), told
 
 
+def test_what_swings_is_named_where_an_effect_was_refuted_too(report):
+    """The next step is to switch it off."""
+    dropped = dict(effect="input_delay", parameters={}, why="it fails", p=0.1, p_corrected=1.0, change=None)
+    swings = dict(holds=False, frequency=1.3, common=None)
+    other = changed(report, "undecided", dropped=[dropped], agreement=swings, steps=[])
+    told = " ".join(text for _, text in lines_of(other))
+    assert "strongest at 1.3 Hz" in told and "switch off what swings" in told, told
+
+
+def test_an_effect_at_the_end_of_its_range_is_another_effect_that_acts_like_it(report):
+    found, tau = copy.deepcopy(report), report["improved"]["parameters"]["motor_lag.tau"]
+    for at_bound in (False, True):
+        found["improved"]["parameters"]["motor_lag.tau"] = dict(tau, at_bound=at_bound)
+        told = lines_of(found)[0][1]
+        assert ("beyond the range of tau" in told, "acts like it" in told) == (at_bound, at_bound), told
+
+
 def test_runs_that_do_not_tell_effects_apart_name_the_experiment(report):
     found = copy.deepcopy(report)
     found["steps"][0]["group"] = ["motor_lag", "input_delay"]

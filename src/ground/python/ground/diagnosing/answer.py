@@ -125,6 +125,8 @@ def _effect(report: DiagnosisReport, step: AddedEffect) -> str:
     }
     does = effect_words.sentence(name, estimates)
     told += ", so that " + does if does else ""
+    ends = _at_ends(report, name)
+    told += ". The runs prefer a value beyond the range of " + listed(ends) if ends else ""
     if step.others:
         told += ". These runs do not distinguish it from %s" % words.effects(report, step.others)
     return "%s. %s." % (told, _certainty(report, step))
@@ -175,7 +177,16 @@ def _certainty(report: DiagnosisReport, step: AddedEffect) -> str:
         return "Seen, not confirmed: parts of the runs that were held out cannot confirm it"
     if by_intervals > DENIED:
         return "Seen, not confirmed: with what single runs differ by, it may be nothing at all"
-    return sure + (" that something acts like it" if _rest(report) else "")
+    is_like = _rest(report) or _at_ends(report, step.added)
+    return sure + (" that something acts like it" if is_like else "")
+
+
+def _at_ends(report: DiagnosisReport, name: str) -> List[str]:
+    """Parameters of an effect of the library that are at an end of their range where the effect is not
+    nothing."""
+    values, known = report.improved.parameters, candidates.effects().get(name, {"parameters": []})
+    own = [(p, values.get("%s.%s" % (name, p["name"]))) for p in known["parameters"]]
+    return [p["name"] for p, found in own if found and found.at_bound and found.value != p["neutral"]]
 
 
 def _chance_by_intervals(report: DiagnosisReport, name: str) -> float:
@@ -239,6 +250,8 @@ def _undecided(report: DiagnosisReport, depends: bool) -> str:
     """Why runs cannot decide whether something is missing. depends: they show what it may depend on."""
     if number(report.noise_floor) == "-":
         return "the model's motion is not finite along whole runs, so that what noise leaves is not known."
+    if report.agreement.frequency:
+        return words.pattern(report) + "."
     refuted = [dropped for dropped in report.dropped if dropped.change is None]
     if refuted:
         best = words.effect(report, refuted[-1].effect)
