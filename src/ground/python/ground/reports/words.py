@@ -7,8 +7,8 @@ from typing import List, Optional, Union
 from ground.analysis.horizon import PoseError, PredictionChange, PredictionError
 from ground.support.headline import Line
 
-# Least ratio to what the mocap alone leaves from which more acts than the model has: above the scatter of some
-# seven independent predictions
+# Least ratio to what the mocap alone leaves from which more acts than the model has: above the scatter of
+# some seven independent predictions
 MORE_ACTS = 2.0
 LEAST = 1e-9  # error that is as good as none [mm], [deg]
 MATTERS = 1.2  # least ratio to what the mocap alone leaves at which the random disturbance is named
@@ -81,19 +81,19 @@ def is_pushed(found: PredictionError) -> bool:
 
 
 def more_acts(found: Optional[PredictionError], name: str, finds: str) -> str:
-    """What to do if a model's predicted poses are off by more than the mocap explains; empty if they are not.
-    finds: the command that finds what is missing."""
+    """What to do if a model's predicted poses are off by more than the mocap explains, else nothing. finds:
+    the command that finds what is missing."""
     ratio = times_the_mocap(found, name)
     if not ratio > MORE_ACTS:
         return ""
     return (
-        "predictions are off by %s times what the mocap explains: an effect is missing, or something pushes at "
-        "random. This says which:\n%s" % (two_digits(ratio), finds)
+        "predictions are off by %s times what the mocap explains: an effect is missing, or something pushes "
+        "at random. This says which:\n%s" % (two_digits(ratio), finds)
     )
 
 
 def diagnosing(model: str, written: str) -> str:
-    """The command that finds what is missing in a model: its name in Python, and its file if it is written."""
+    """The command that finds what is missing in a model, by its name in Python or by its file."""
     if not written:
         return "ground.diagnose(%s, RECORDINGS)" % model
     return "rosrun ground identify diagnose BAGS --model %s -o diagnosis" % shlex.quote(written)

@@ -16,7 +16,7 @@ ROWS = {  # parameters that mean the same everywhere
     "holdout": "Recording, path, or several, optional\n    Recordings or bags to test on.",
     "model": "Model or path\n    Model of the craft.",
     "recording": "Recording or path\n    A single run.",
-    "horizon": "float, optional\n    How far each prediction goes [s]; by default what suits the craft, as in `compare`.",
+    "horizon": "float, optional\n    How far each prediction goes [s]; default: what suits the craft.",
     "run": "str\n    Name of a run; empty: the first.",
     "start": "float\n    Start on the run's clock [s].",
     "end": "float\n    End on the run's clock [s].",
