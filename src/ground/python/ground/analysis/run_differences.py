@@ -34,7 +34,7 @@ def differences(likelihood: Likelihood, fit: LikelihoodFit) -> Dict[RunDifferenc
     slow = {k.time: slowest for k in KINDS if k.time and full.levels[k.time] > slowest}
     if slow:
         full = likelihood.fit(model, free, near=_with_all(likelihood, full), held=slow)
-    is_zero = (np.abs(full.of_runs()) <= full.of_runs("_sigma")).all(axis=0)
+    is_zero = (np.abs(full.trims) <= full.trims_sigma).all(axis=0)
     chances = {
         kind: len(KINDS) * _chance_without(likelihood, full, kind, slow, slowest)
         for kind, zero in zip(KINDS, is_zero)

@@ -331,7 +331,6 @@ class Search:
         first, *also = self.candidates[name].starts(begun)
         fitter = WindowFitter(self.likelihood.runs, threads=1, most=FEW_WINDOWS)
         try:
-            model: _core.Model = fitter.whole(first, free_parameters(first), also)["model"]
-            return model
+            return fitter.whole(first, free_parameters(first), also).model
         except Diverged:  # it cannot be simulated from any start
             return first

@@ -79,7 +79,7 @@ class SimulationSearch:
         """Error of a quick fit to all windows with another effect; infinite where a motion is not finite."""
         first, *also = self.candidates[name].starts(self.fits[base].model)
         try:
-            fitted = self.fitter.whole(first, free_parameters(first), also)["model"]
+            fitted = self.fitter.whole(first, free_parameters(first), also).model
             return float(channel_errors(self.fitter.runs, self.fitter.windows, fitted).sum())
         except Diverged:
             return np.inf

@@ -159,10 +159,7 @@ def motion(model: Model, bench: WithInterval, recordings: Recordings, part: Part
             needed = plain.log_posterior + stats.chi2.isf(LEVEL / len(MOVING), 1) / 2
             if found.log_posterior > max(needed, best.log_posterior):
                 best, effect = found, name
-    known = {
-        p["name"]: WithInterval(p["value"], *(p["ci95"] or (math.nan, math.nan)))
-        for p in likelihood.intervals(best)
-    }
+    known = {p["name"]: WithInterval(p["value"], *p["ci95"]) for p in likelihood.intervals(best)}
     m, inertia, given = known["m"], known["I_z"], model.core.value("m")
     time = next((one for name, one in known.items() if effect and name.split(".")[0] == effect), None)
     times = [recording.control_times for recording in seen.recordings]

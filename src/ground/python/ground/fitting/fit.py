@@ -3,7 +3,7 @@
 import argparse
 import contextlib
 import functools
-from dataclasses import asdict, astuple, dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -135,8 +135,8 @@ def fit(
         estimates.parameters[name] = p
     for name in closed_loop.closed(seen.runs, seen.data, found.model):
         warn(CLOSED % name)
-    if not found.result["converged"]:
-        warn("the fit has not converged after %d iterations" % found.result["iterations"])
+    if not found.result.converged:
+        warn("the fit has not converged after %d iterations" % found.result.iterations)
     runs: List[RunFit] = []
     if len(seen.data) > 1:
         with work.stage(ALONE, len(seen.data)):
@@ -158,10 +158,10 @@ def fit(
     from ground.analysis.predicted_band import FitWithout
 
     parts = [
-        FitWithout(without["model"], seen.data[part :: fitter.most_parts])
+        FitWithout(without.model, seen.data[part :: fitter.most_parts])
         for part, without in (found.others.items() if len(seen.data) > 1 else ())
     ]
-    parts += [FitWithout(shifted) for shifted in found.result["shifted"]]
+    parts += [FitWithout(shifted) for shifted in found.result.shifted]
     result = _result(given, seen, options.starts, found, estimates, errors, prediction, runs, known)
     return replace(result, parts=parts)
 
@@ -271,11 +271,11 @@ def _result(
             comparison.thesis_objective(seen.data, given.core),
             comparison.thesis_objective(seen.data, core),
         ),
-        objective=result["objective"],
-        starts={"tried": starts, "at_best": result["starts_at_best"]},
-        condition=result["condition"],
-        weak=[asdict(weak) for weak in identifiability.weak_directions(estimates)],
-        converged=result["converged"],
+        objective=result.objective,
+        starts={"tried": starts, "at_best": result.starts_at_best},
+        condition=result.condition,
+        weak=identifiability.weak_directions(estimates),
+        converged=result.converged,
         runs=runs,
         same_inputs=quality.same_inputs(seen.runs),
         remarks=[
