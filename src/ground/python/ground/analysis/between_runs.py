@@ -12,10 +12,9 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 from scipy.optimize import brentq
 
-from ground.analysis.distributions import chi_squared_above, student_limit
+from ground.analysis.distributions import LEVEL, chi_squared_above, student_limit
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.score_tests import moved, solve, stepped
-from ground.analysis.search import LEVEL
 from ground.effect_library.parameters import FittedParameter, ParameterInfo, described
 from ground.support.annotations import Array
 from ground.support.errors import Diverged

@@ -16,7 +16,7 @@ from ground.analysis.window_error import WRENCH, with_wrench
 
 # Probability of a false finding. It is low, because a disturbance whose correlation time changes
 # looks like a difference.
-LEVEL = 1e-4
+DIFFERENCE_LEVEL = 1e-4
 SLOWEST = 0.3  # longest correlation time of a random wrench, in durations of a run; a slower one
 # is a difference between runs
 
@@ -40,7 +40,7 @@ def differences(likelihood: Likelihood, fit: LikelihoodFit) -> Dict[RunDifferenc
         for kind, zero in zip(KINDS, is_zero)
         if not zero
     }
-    return {kind: chance for kind, chance in chances.items() if chance < LEVEL}
+    return {kind: chance for kind, chance in chances.items() if chance < DIFFERENCE_LEVEL}
 
 
 def _with_all(likelihood: Likelihood, fit: LikelihoodFit) -> LikelihoodFit:

@@ -13,9 +13,9 @@ from typing import Callable, Dict, FrozenSet, List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis.distributions import mean_not_above_zero
+from ground.analysis.distributions import LEVEL, mean_not_above_zero
 from ground.analysis.judge import PairedComparison
-from ground.analysis.search import LEVEL, REFITTED
+from ground.analysis.search import REFITTED
 from ground.analysis.window_error import WindowFit, WindowFitter, channel_errors, free_parameters
 from ground.effect_library.candidates import Candidate
 from ground.support.annotations import Each

@@ -7,7 +7,7 @@ import shlex
 from typing import Iterator, List, Mapping, Union
 
 from ground.analysis.diagnosis import EXPLAINED
-from ground.analysis.search import LEVEL
+from ground.analysis.distributions import LEVEL
 from ground.diagnosing import words
 from ground.diagnosing.report import AddedEffect, DiagnosisReport, ScreenedEffect, TriedEffect
 from ground.effect_library import candidates

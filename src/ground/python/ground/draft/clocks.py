@@ -16,7 +16,7 @@ from ground.support.errors import GroundError
 RATES = (2.0, 1000.0)  # of rows, of which one unit of time alone can be [Hz]
 SELDOM = 1.0  # rate of rows below which a unit that is given may be another one [Hz]
 CLEARLY = 0.5  # by which the name of a time is likelier than others
-LONGEST = 20.0  # usual time between rows up to which times may be days [s]
+MAX_PERIOD = 20.0  # usual time between rows up to which times may be days [s]
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def _are_days(values: Array) -> bool:
     steps = np.diff(values)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     return any(low < values.min() and values.max() < high for low, high in instants.CALENDARS) and (
-        usual < LONGEST / 86400
+        usual < MAX_PERIOD / 86400
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import stats
 
 from ground import _core
+from ground.analysis.distributions import LEVEL
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.window_error import free_parameters
 from ground.data.measured import Part, measured
@@ -27,7 +28,6 @@ from ground.support.progress import Work
 from ground.support.quantities import quantity, with_interval
 
 MOVING, STAGE = ("input_delay", "motor_lag"), "fitting mass and inertia to motion"
-LEVEL = 0.01  # probability of adding a delay that is not there
 STARTS = (0.02, 0.05, 0.1, 0.2)  # initial values of a delay or a lag [s]
 UNSURE = 1.0  # relative half-width of an interval from which a number is not identifiable
 

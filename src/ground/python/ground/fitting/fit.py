@@ -10,7 +10,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import horizon, window_error, windows
-from ground.analysis.distributions import student_outside
+from ground.analysis.distributions import LEVEL, student_outside
 from ground.analysis.horizon import ModelsAt, PredictionError
 from ground.analysis.window_error import WindowFit, WindowFitter
 from ground.data import voltage
@@ -29,7 +29,6 @@ from ground.support.progress import Progress, Work
 OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
 RUNS = 20  # most parts that runs are held out in, where each has an error of its own
-LEVEL = 0.01  # probability that any run is reported to disagree in any parameter although all agree
 CLOSED = (
     "%s: the commands depend on the motion before them (closed loop), so the fit takes disturbances for "
     "effects of commands, and its intervals may miss the truth; record commands that do not depend on the "

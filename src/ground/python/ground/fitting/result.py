@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ground.fitting.identifiability import WeakDirection
     from ground.reading.recording import Recording
 
-FAR = 100.0  # ratio to the start value of a parameter at its bound that is none of the craft
+MAX_RATIO = 100.0  # ratio to the start value of a parameter at its bound that is none of the craft
 
 
 @dataclass(frozen=True)
@@ -260,7 +260,7 @@ class Fit(Shown, Plotted, Estimated):
         return [
             p
             for p in self.parameters.values()
-            if p.at_bound and p.value and p.start and not 1 / FAR < abs(p.value / p.start) < FAR
+            if p.at_bound and p.value and p.start and not 1 / MAX_RATIO < abs(p.value / p.start) < MAX_RATIO
         ]
 
     def _next(self, unknown: Sequence[str], written: str) -> str:

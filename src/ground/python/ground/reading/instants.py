@@ -15,7 +15,8 @@ from ground.support.errors import GroundError
 if TYPE_CHECKING:
     import pandas
 
-LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
+END_OF_ROS = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
+CENTURY = 946684800.0  # 2000-01-01; an earlier stamp is not a date [s]
 DAY = 86400 * 10**9  # [ns]
 RESTART = 5 * 10**8  # a clock that goes back by more starts anew [ns]
 MANY_LOST = 3  # rows for each stamp from which the stamps have lost digits
@@ -118,7 +119,7 @@ def _of_numbers(
         numbers = np.asarray(values, float)
         finite = np.isfinite(numbers)
         known &= finite
-        far = finite & ((numbers < 0) | (numbers * factor >= LATEST))
+        far = finite & ((numbers < 0) | (numbers * factor >= END_OF_ROS))
         if far.any() and clock.rate == 0 and (numbers[far] >= 0).any():
             raise GroundError(
                 "%s: a time is %g %s, which is not between 1970 and 2106; the key unit of the "
@@ -153,7 +154,7 @@ def _unwrapped(counts: Indices, notes: List[str]) -> Indices:
 def _better(value: float) -> str:
     """The unit in which a number is a time of this century."""
     for unit, factor in TIMES.items():
-        if 9e8 * 1e9 < value * factor < LATEST:
+        if 9e8 * 1e9 < value * factor < END_OF_ROS:
             return ": it is a time since 1970 in %s" % unit
     return ""
 
