@@ -36,7 +36,7 @@ def random_bursts(state, offers, longest, seed):
     model = state.questions.basis.model
     alike = [o.seconds for o in offers if "PRBS" in o.piece.words and "lift" not in o.piece.words]
     seconds = float(np.median(alike or [o.seconds for o in offers]))
-    count = max(1, int(min(choice.LONGEST, longest) / seconds))
+    count = max(1, int(min(choice.MAX_FLIGHT, longest) / seconds))
     random = np.random.default_rng(seed)
     numbers = random.integers(1, 10**6, count).tolist()
     return choice.Chosen([prbs(model, n) for n in numbers], "Random bursts.")

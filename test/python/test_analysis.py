@@ -151,18 +151,18 @@ def fit_of(values, deviations, correlation):
 def test_only_ratio_or_product_of_a_weak_pair_is_known():
     high = [[1, 0.99], [0.99, 1]]
     (weak,) = identifiability.weak_directions(fit_of({"k": 2.0, "m": 4.0}, [0.4, 0.8], high))
-    assert weak.known_as == "k/m" and weak.parameters == ["k", "m"]
-    assert weak.deviation == pytest.approx(0.2 * np.sqrt(2 * 0.01))
-    assert weak.deviations == pytest.approx([0.2, 0.2])
-    assert weak.strength == pytest.approx(1 / np.sqrt(0.02))
+    assert weak["known_as"] == "k/m" and weak["parameters"] == ["k", "m"]
+    assert weak["deviation"] == pytest.approx(0.2 * np.sqrt(2 * 0.01))
+    assert weak["deviations"] == pytest.approx([0.2, 0.2])
+    assert weak["strength"] == pytest.approx(1 / np.sqrt(0.02))
     low = [[1, -0.99], [-0.99, 1]]
     (weak,) = identifiability.weak_directions(fit_of({"k": 2.0, "m": 4.0}, [0.4, 0.8], low))
-    assert weak.known_as == "k*m"
+    assert weak["known_as"] == "k*m"
     draws = np.random.default_rng(1).multivariate_normal([2, 4], [[1e-4, -1.98e-4], [-1.98e-4, 4e-4]], 20000)
     product = draws.prod(axis=1)  # of a fortieth of the doubt: there, logarithms are linear
-    assert product.std() / product.mean() == pytest.approx(weak.deviation / 40, rel=0.05)
+    assert product.std() / product.mean() == pytest.approx(weak["deviation"] / 40, rel=0.05)
     # A negative value turns the sense of the correlation round.
     (weak,) = identifiability.weak_directions(fit_of({"k": -2.0, "m": 4.0}, [0.4, 0.8], low))
-    assert weak.known_as == "k/m"
+    assert weak["known_as"] == "k/m"
     assert not identifiability.weak_directions(fit_of({"k": 2, "m": 4}, [0.4, 0.8], np.eye(2)))
     assert not identifiability.weak_directions(fit_of({"k": 2, "m": 4}, [0.02, 0.04], high))

@@ -334,8 +334,8 @@ def test_recordings_made_by_the_model_agree_with_it_and_a_burst_does_not(pushed)
     random = np.random.default_rng(99)
     made = []
     for i, run in enumerate(runs):
-        wrench = window_error.pushes(run, fit.levels, random)[0] + np.array(fit.trims[i]["wrench"])
-        made.append(window_error.recorded(run, fit.model, random, wrench, fit.trims[i]["thrust"]))
+        wrench = window_error.pushes(run, fit.levels, random)[0] + fit.trims[i, :3]
+        made.append(window_error.recorded(run, fit.model, random, wrench, fit.trims[i, 3]))
     assert agreement(made, cut, Likelihood(made, craft()), fit, 1.0).holds
     odd = [flown(seed, push=0.005, burst=(2.0 + seed, 2.3 + seed, 0.4))[0] for seed in (1, 2, 3)]
     likelihood = Likelihood(odd, craft())

@@ -137,7 +137,7 @@ def test_constants_of_a_run_are_estimated_from_its_poses():
     assert constants[-1, :2] == pytest.approx([0.005, -0.003], abs=1.5e-3)
     early, late = (np.abs(constants[at, :2] - [0.005, -0.003]).max() for at in (3, -1))
     assert late < early
-    assert fit.trims[0]["wrench"][:2] == pytest.approx([0.005, -0.003], abs=1.5e-3)
+    assert fit.trims[0, :2] == pytest.approx([0.005, -0.003], abs=1.5e-3)
 
 
 BLAST = '{name: blast, expression: {X: "c*u*u*u"}, parameters: {c: {value: 1e9, unit: N s^3/m^3}}}'

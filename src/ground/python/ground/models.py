@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Dict, Iterable, Iterator, Mapping, Optional, S
 import numpy as np
 
 from ground import _core
-from ground.effect_library.parameters import described
+from ground.effect_library.parameters import FittedParameter, described
 from ground.support import errors, files, origin
-from ground.support.annotations import Array, Document, Path
+from ground.support.annotations import Array, Path
 from ground.support.docstrings import Described, internal
 from ground.support.errors import GroundError, core_errors
 from ground.support.public import public
@@ -65,7 +65,7 @@ class Parameter(Described):
         return "<%s %s>" % (self.name, self.words)
 
 
-def parameters_by_name(found: Iterable[Document]) -> Dict[str, Parameter]:
+def parameters_by_name(found: Iterable[FittedParameter]) -> Dict[str, Parameter]:
     """Parameters, by name, from the dictionaries that a fit of the core returns."""
     return {p["name"]: Parameter(**p) for p in found}
 

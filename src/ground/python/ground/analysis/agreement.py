@@ -171,8 +171,8 @@ def _pushed(run: _core.RunData, fit: LikelihoodFit, i: int, random: Random) -> T
     N [N m], body, at its samples."""
     factor, trim = np.exp(fit.loudness[i]) if fit.loudness else 1.0, fit.trims[i]
     wrench, room = window_error.pushes(run, fit.levels, random)
-    acting = factor * wrench + np.array(trim["wrench"])
-    made = window_error.recorded(run, fit.model, random, acting, trim["thrust"], factor * room)
+    acting = factor * wrench + trim[:3]
+    made = window_error.recorded(run, fit.model, random, acting, float(trim[3]), factor * room)
     psi = np.array(made.eta)[:, 2]
     (x, y), c, s = np.array(room).T, np.cos(psi), np.sin(psi)
     turned = np.column_stack([c * x + s * y, c * y - s * x, np.zeros(len(psi))])

@@ -12,12 +12,11 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 from scipy.optimize import brentq
 
-from ground.analysis.distributions import chi_squared_above, student_limit
+from ground.analysis.distributions import LEVEL, chi_squared_above, student_limit
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.score_tests import moved, solve, stepped
-from ground.analysis.search import LEVEL
-from ground.effect_library.parameters import ParameterInfo, described
-from ground.support.annotations import Array, Document
+from ground.effect_library.parameters import FittedParameter, ParameterInfo, described
+from ground.support.annotations import Array
 from ground.support.errors import Diverged
 
 # Information that keeps directions that a run does not identify at the common value, over all runs'
@@ -25,7 +24,9 @@ WEAK = 1e-6
 TOLD = 0.01  # largest variance of a parameter that a run tells, over that by the weak information alone
 
 
-def widened(likelihood: Likelihood, fit: LikelihoodFit, parameters: Sequence[Document]) -> List[Document]:
+def widened(
+    likelihood: Likelihood, fit: LikelihoodFit, parameters: Sequence[FittedParameter]
+) -> List[FittedParameter]:
     """Parameters as LikelihoodFit.parameters has them, with intervals that contain what its runs differ by.
     Those in which they differ have `runs`, the least and the largest of the runs' own values."""
     if len(likelihood.runs) < 2:
@@ -95,19 +96,22 @@ def mean_of(steps: Array, variances: Array) -> Tuple[float, float, float]:
     return float(weights @ steps / weights.sum()), float(half), between
 
 
-def _widened(p: Document, known: ParameterInfo, steps: Array, variances: Array, differ: bool) -> Document:
+def _widened(
+    p: FittedParameter, known: ParameterInfo, steps: Array, variances: Array, differ: bool
+) -> FittedParameter:
     """A parameter. steps, variances: of its coordinate, of each run from which it is identifiable; differ:
     whether the runs are reported to differ."""
     if len(steps) < 2:
         return p
     mean, half, between = mean_of(steps, variances)
     ends = [moved(known, p["value"], by) for by in (mean - half, mean + half)]
-    low, high = (float(end) for end in p["ci95"])
-    p = {**p, "ci95": (min(low, *ends), max(high, *ends))}
+    wide, (low, high) = p.copy(), p["ci95"]
+    wide["ci95"] = min(low, *ends), max(high, *ends)
     certain = steps[variances < 2 * (between + variances.min())]
     own = [moved(known, p["value"], by) for by in (certain.min(), certain.max())]
-    # equal: they only differ by how far beyond its range they are
-    return {**p, "runs": (min(own), max(own))} if differ and own[0] != own[1] else p
+    if differ and own[0] != own[1]:  # equal: they only differ by how far beyond its range they are
+        wide["runs"] = min(own), max(own)
+    return wide
 
 
 def _squares(steps: Array, variances: Array, between: float) -> float:

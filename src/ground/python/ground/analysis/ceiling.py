@@ -216,7 +216,7 @@ def known_wrenches(
 ) -> List[Array]:
     """The predicted wrench of each run, at all of its samples, with the mean constant wrench of
     the others."""
-    trims = np.array([trim["wrench"] for trim in found.fit.trims])
+    trims = found.fit.trims[:, :3]
     constants = (trims.sum(axis=0) - trims) / max(1, len(runs) - 1)
     wrenches = []
     for wrench, constant, run, thin in zip(found.wrenches, constants, runs, likelihood.runs):

@@ -22,12 +22,12 @@ from ground.analysis import (
     run_differences,
     window_error,
 )
-from ground.analysis.distributions import chi_squared_limit
+from ground.analysis.distributions import LEVEL, chi_squared_limit
 from ground.analysis.evidence import Dropped
 from ground.analysis.judge import PairedComparison, Tested, compared
 from ground.analysis.likelihood import COARSE, Likelihood, LikelihoodFit, RunDifference
 from ground.analysis.score_tests import UNSEEN
-from ground.analysis.search import LEVEL, LookAlike, Search
+from ground.analysis.search import LookAlike, Search
 from ground.analysis.simulation_search import SimulationSearch
 from ground.effect_library.candidates import Candidate
 from ground.support.annotations import Array

@@ -8,6 +8,7 @@ from scipy import special
 
 from ground.support.annotations import Array, Indices
 
+LEVEL = 0.01  # probability of a false finding, over all findings that are tested together
 DEVIATIONS = 1.96  # standard deviations on each side of a 95% interval of a normal variable
 PIECES = 8  # least number of pieces of data that an interval of a mean is taken from
 

@@ -10,7 +10,7 @@ from ground import _core
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.horizon import PredictionChange
 from ground.effect_library import candidates
-from ground.support.annotations import Document
+from ground.effect_library.parameters import FittedParameter
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Trial:
     """An effect added to a model on trial."""
 
     name: str
-    parameters: Sequence[Document]  # the effect's: name, unit, value, ci95, identified
+    parameters: Sequence[FittedParameter]  # the effect's: name, unit, value, ci95, identified
     p_value: float  # not corrected for the number of effects tried
     delta_bic: float
     equal: bool = False  # whether the data cannot distinguish it from the best one
@@ -33,7 +33,9 @@ class Dropped:
     change: Optional[PredictionChange] = None  # of predicted poses, where it is too small to matter
 
 
-def trial(name: str, model: _core.Model, parameters: Sequence[Document], gain: float, samples: int) -> Trial:
+def trial(
+    name: str, model: _core.Model, parameters: Sequence[FittedParameter], gain: float, samples: int
+) -> Trial:
     """A Trial. model: any with the effect; gain: log-likelihood ratio 2 (L1 - L0) against the model without;
     samples: number of samples of the data."""
     described = candidates.parameters_of(model, name)

@@ -11,7 +11,8 @@ from ground.analysis.horizon import Starts
 from ground.analysis.judge import Tested
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.thinning import at_samples
-from ground.support.annotations import Array, Document, Each
+from ground.effect_library.parameters import FittedParameter
+from ground.support.annotations import Array, Each
 from ground.support.errors import Diverged
 
 MOST_SAMPLES = 6000  # poses, thinned, in an excerpt of runs
@@ -22,7 +23,7 @@ class Judged:
     """A fitted model and its errors."""
 
     model: _core.Model
-    parameters: Sequence[Document]
+    parameters: Sequence[FittedParameter]
     error: Array  # (3,) mean |e|/s of u, v, r over the windows of all runs
     heldout: Array  # (3,) the same, each window by a fit to the other parts; differences between
     # runs are estimated from the run's poses before the window (window_error.calibrated_errors)
@@ -127,7 +128,7 @@ class Folds:
         """The Judged of a model that was fitted by simulation error to the windows; fit: a LikelihoodFit of
         the levels beside it, without a free parameter."""
         others = [
-            self._without(fold, replace(fit, model=found.others[fold]["model"])) for fold in range(self.count)
+            self._without(fold, replace(fit, model=found.others[fold].model)) for fold in range(self.count)
         ]
         return judged_windows(found, self._tested(others), others)
 
@@ -199,5 +200,4 @@ def excerpt(
         return likelihood, fit, runs, cut
     shorter = Likelihood(pieces, likelihood.craft, likelihood.varying, likelihood.threads)
     loudness = tuple(fit.loudness[i] for i in of) if fit.loudness else ()
-    trims = [fit.trims[i] for i in of]
-    return shorter, replace(fit, loudness=loudness, trims=trims), pieces, windows.cut(pieces)
+    return shorter, replace(fit, loudness=loudness, trims=fit.trims[of]), pieces, windows.cut(pieces)

@@ -12,11 +12,11 @@ from ground import _core
 from ground.analysis import window_error, windows
 from ground.analysis.likelihood import call
 from ground.poses import angles
+from ground.poses.repair import MIN_POSES
 from ground.support.annotations import Array, Indices
 from ground.support.errors import Diverged, GroundError
 from ground.support.records import NULL
 
-MIN_POSES = 10  # intervals between poses in the shortest horizon
 WARM_UP = 0.5  # time before a start that its initial velocities are fitted to [horizons]
 
 INFINITE = {NULL: math.inf}

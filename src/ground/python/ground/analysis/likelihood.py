@@ -15,8 +15,8 @@ import numpy as np
 from ground import _core
 from ground.analysis import windows
 from ground.analysis.thinning import thinned
-from ground.effect_library.parameters import ParameterInfo, described
-from ground.support.annotations import Array, Document
+from ground.effect_library.parameters import FittedParameter, ParameterInfo, described
+from ground.support.annotations import Array
 from ground.support.errors import core_errors
 
 _T = TypeVar("_T")
@@ -57,19 +57,16 @@ class LikelihoodFit:
     by_run: Array  # (runs,) log-likelihood
     information: Array  # (free, free) Fisher information, of coordinates / scale
     scale: Array  # (free,) scale of the coordinates
-    parameters: Sequence[Document]  # name, unit, value, ci95, deviation, at_bound, identified
+    parameters: Sequence[FittedParameter]
     level_information: Array  # Fisher information of the levels' logs, then of each run's loudness
-    trims: Sequence[Document]  # one for each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
+    trims: Array  # (runs, 4) what is constant in each run, in the order of KINDS
+    trims_sigma: Array  # (runs, 4) their standard deviations
     converged: bool
 
     @property
     def point(self) -> _core.GreyBoxPoint:
         """Model, levels and loudness as the core takes them."""
         return _core.GreyBoxPoint(self.model, self.levels, list(self.loudness))
-
-    def of_runs(self, kind: str = "") -> Array:
-        """What is constant in each run, (runs, 4), in the order of KINDS; kind: "_sigma": its deviations."""
-        return np.array([[*trim["wrench" + kind], trim["thrust" + kind]] for trim in self.trims])
 
     def ratio_without(self, effect: str) -> float:
         """Log-likelihood ratio 2 (L1 - L0) to the model without an effect, by the information
@@ -147,9 +144,12 @@ class Likelihood:
         at = found["point"]
         own = {field.name: found[field.name] for field in fields(LikelihoodFit) if field.name in found}
         own.update({name: np.array(found[name]) for name in ("by_run", "scale")})
+        for kind in ("", "_sigma"):
+            rows = [(*trim["wrench" + kind], trim["thrust" + kind]) for trim in found["trims"]]
+            own["trims" + kind] = np.array(rows)
         return LikelihoodFit(at.model, at.levels, tuple(at.log_scales), tuple(free), **own)
 
-    def intervals(self, fit: LikelihoodFit) -> List[Document]:
+    def intervals(self, fit: LikelihoodFit) -> List[FittedParameter]:
         """The fitted parameters, with 95% intervals that include the uncertainty of the levels: a
         list of dictionaries as Fit has them."""
         return call(

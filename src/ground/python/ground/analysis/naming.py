@@ -13,19 +13,18 @@ import numpy as np
 from ground import _core
 from ground.analysis import formula_words, samples
 from ground.analysis.dictionary import Feature
-from ground.analysis.distributions import chi_squared_above
+from ground.analysis.distributions import LEVEL, chi_squared_above
 from ground.analysis.formula_words import FormulaTerm
 from ground.analysis.likelihood import Likelihood, LikelihoodFit
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Memory
-from ground.analysis.search import LEVEL
 from ground.effect_library import candidates
 from ground.support.errors import Diverged
 
 NAME = "proposed"  # of the effect
 MIN_RATIO = 12.0  # least log-likelihood ratio 2 ln(with / without) of a feature
 EXPLAINED = 0.98  # part of the terms' gain from which a formula needs no further feature
-MOST, LONGEST = 5, 6  # features that are chosen from one regression, and pieces of a formula
+MAX_FEATURES, MAX_PIECES = 5, 6  # features that are chosen from one regression, and pieces of a formula
 WIDE = 5.0  # factor by which a fit may change a constant of time
 
 
@@ -55,7 +54,7 @@ def formula(
     """The Formula of what a regression finds beside a LikelihoodFit; None if nothing is significant. begun: a
     formula beside which it was found, to be made longer; shows: whether one is worth its simplest form."""
     kept = begun.pieces if begun else ()
-    chosen = _chosen_features(regression)[: LONGEST - len(kept)]
+    chosen = _chosen_features(regression)[: MAX_PIECES - len(kept)]
     if not chosen:
         return None
     at, _, weights = regression.posterior(chosen)
@@ -88,7 +87,7 @@ def _chosen_features(regression: Regression) -> List[Term]:
     """Significant single features that mean something, each beside those before it."""
     named = np.array([feature.is_named for feature in regression.features])
     terms: List[Term] = []
-    while len(terms) < MOST:
+    while len(terms) < MAX_FEATURES:
         beside = regression.posterior(terms)
         z = np.where(named, regression.significance(beside), 0.0)
         j = regression.best_single(z)

@@ -17,7 +17,7 @@ from ground.poses import angles
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
-FAR = 1.2  # ratio of speeds from which a prediction goes beyond the runs fitted to
+MAX_SPEED_RATIO = 1.2  # ratio of speeds from which a prediction goes beyond the runs fitted to
 #: predicted samples (n, 6) of a run by a model, and the measured ones
 Course = Tuple[Array, Array]
 #: simulates a run; None: it is too short. GroundError when the motion is not finite
@@ -59,7 +59,7 @@ def beyond(parts: Sequence[FitWithout], predicted: Array) -> List[int]:
     """Indices of the velocities u, v, r of a prediction (n, 6) that exceed all velocities of the runs."""
     seen = np.vstack([np.array(run.nu) for part in parts for run in part.runs])
     size, most = np.abs(predicted[:, 3:]).max(axis=0), np.abs(seen).max(axis=0)
-    return [int(i) for i in np.flatnonzero(size > FAR * most)]
+    return [int(i) for i in np.flatnonzero(size > MAX_SPEED_RATIO * most)]
 
 
 def _deviation(parts: Sequence[FitWithout], run: _core.RunData, course: Courses) -> Array:

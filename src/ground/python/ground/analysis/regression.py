@@ -17,20 +17,19 @@ import numpy as np
 
 from ground.analysis import dictionary
 from ground.analysis.dictionary import Feature
-from ground.analysis.distributions import chi_squared_above
+from ground.analysis.distributions import LEVEL, chi_squared_above
 from ground.analysis.innovations import Innovations
 from ground.analysis.missing_wrench import full_scale
 from ground.analysis.samples import Samples
-from ground.analysis.search import LEVEL
 from ground.analysis.window_error import PARTS
 from ground.support.annotations import Array, Flags, Indices
 
 SIZES = np.geomspace(1e-4, 1.0, 17) ** 2  # variances of a term's wrench, over full thrust squared
 DRAWS = 2000
-LEAST = 8.0  # ratio below which a family is not worth its draws
-FEWEST = 0.02  # least share of the samples in which a feature acts, by the fourth moment
+MIN_RATIO = 8.0  # ratio below which a family is not worth its draws
+MIN_SHARE = 0.02  # least share of the samples in which a feature acts, by the fourth moment
 SEEN = 0.03  # least share of a feature's information that the parameters leave
-MOST = 8  # terms
+MAX_TERMS = 8  # terms
 REFUSED = 3  # terms that held-out parts may refuse
 AS_GOOD = 0.97  # part of the significance of a feature with which one with a factor less takes its place
 SORTS = 5  # of single features, by the number that they were chosen from
@@ -128,7 +127,7 @@ class Regression:
         square = A * A
         power = square.sum(axis=0)
         acts = power**2 / np.maximum((square * square).sum(axis=0), 1e-300) / len(A)
-        active = (power > SEEN * before) & (before > 0) & (acts > FEWEST)
+        active = (power > SEEN * before) & (before > 0) & (acts > MIN_SHARE)
         A[:, ~active] = 0.0
         wrenches = A.reshape(acting.shape)
         by_run = np.split(wrenches * self.full[:, None], self.edges[1:-1])
@@ -219,7 +218,7 @@ class Regression:
         terms: List[Term] = []
         refused: Set[str] = set()
         gain = 0.0
-        while len(terms) < MOST and len(refused) < REFUSED:
+        while len(terms) < MAX_TERMS and len(refused) < REFUSED:
             best = self._best(terms, refused)
             if best is None:
                 break
@@ -257,7 +256,7 @@ class Regression:
             for term in kept:
                 rest = [t for t in kept if t is not term]
                 tested = self.test(term.columns, self.posterior(rest), term.name)
-                stays = tested.ratio > LEAST or not rest
+                stays = tested.ratio > MIN_RATIO or not rest
                 kept = [tested if t is term else t for t in kept if t is not term or stays]
         return kept
 
@@ -297,7 +296,7 @@ class Regression:
 
 def _chance(ratio: float, shares: Array) -> float:
     """Probability of so large a ratio without an effect."""
-    if ratio <= LEAST:
+    if ratio <= MIN_RATIO:
         return 1.0
     drawn = np.random.default_rng(shares.shape[1]).chisquare(1, size=(DRAWS, shares.shape[1]))
     null = drawn @ (shares / (1 + shares)).T - np.log1p(shares).sum(axis=1)

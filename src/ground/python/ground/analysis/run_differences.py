@@ -16,7 +16,7 @@ from ground.analysis.window_error import WRENCH, with_wrench
 
 # Probability of a false finding. It is low, because a disturbance whose correlation time changes
 # looks like a difference.
-LEVEL = 1e-4
+DIFFERENCE_LEVEL = 1e-4
 SLOWEST = 0.3  # longest correlation time of a random wrench, in durations of a run; a slower one
 # is a difference between runs
 
@@ -34,13 +34,13 @@ def differences(likelihood: Likelihood, fit: LikelihoodFit) -> Dict[RunDifferenc
     slow = {k.time: slowest for k in KINDS if k.time and full.levels[k.time] > slowest}
     if slow:
         full = likelihood.fit(model, free, near=_with_all(likelihood, full), held=slow)
-    is_zero = (np.abs(full.of_runs()) <= full.of_runs("_sigma")).all(axis=0)
+    is_zero = (np.abs(full.trims) <= full.trims_sigma).all(axis=0)
     chances = {
         kind: len(KINDS) * _chance_without(likelihood, full, kind, slow, slowest)
         for kind, zero in zip(KINDS, is_zero)
         if not zero
     }
-    return {kind: chance for kind, chance in chances.items() if chance < LEVEL}
+    return {kind: chance for kind, chance in chances.items() if chance < DIFFERENCE_LEVEL}
 
 
 def _with_all(likelihood: Likelihood, fit: LikelihoodFit) -> LikelihoodFit:

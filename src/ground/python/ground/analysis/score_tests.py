@@ -8,8 +8,8 @@ from ground import _core
 from ground.analysis.distributions import DEVIATIONS
 from ground.analysis.likelihood import Likelihood, LikelihoodFit, is_reciprocal
 from ground.effect_library import candidates as effects
-from ground.effect_library.parameters import ParameterInfo, described
-from ground.support.annotations import Array, Document
+from ground.effect_library.parameters import FittedParameter, ParameterInfo, described
+from ground.support.annotations import Array
 
 UNSEEN = 0.003  # an effect is unseen if the fitted parameters leave less of its information
 
@@ -64,9 +64,9 @@ class ScoreTests:
         steps.update(zip(self.nuisance, map(float, moved)))
         return steps
 
-    def estimates(self, model: _core.Model, name: str, step: Mapping[str, float]) -> List[Document]:
-        """Parameters of an effect after the step of its score test: dictionaries as of a fit."""
-        found: List[Document] = []
+    def estimates(self, model: _core.Model, name: str, step: Mapping[str, float]) -> List[FittedParameter]:
+        """Parameters of an effect after the step of its score test."""
+        found: List[FittedParameter] = []
         known = {self.names[i]: i for i in self.columns[name] if self.information[i, i] > 0}
         for p in effects.parameters_of(model, name):
             value = moved(p, p.neutral, step.get(p.name, 0.0))
@@ -76,8 +76,9 @@ class ScoreTests:
                 deviation = float(self.scale[i] / np.sqrt(self.information[i, i]))
                 low, high = (moved(p, value, side * DEVIATIONS * deviation) for side in (-1, 1))
                 ci95 = min(low, high), max(low, high)
-            told = {"name": p.name, "unit": p.unit, "value": value, "ci95": ci95}
-            found.append({**told, "deviation": deviation, "identified": bool(np.isfinite(deviation))})
+            told = FittedParameter(name=p.name, unit=p.unit, value=value, ci95=ci95, deviation=deviation)
+            told["identified"] = bool(np.isfinite(deviation))
+            found.append(told)
         return found
 
     def test(self, names: Iterable[str]) -> Tuple[float, Dict[str, float]]:

@@ -16,12 +16,11 @@ from ground import _core
 from ground.analysis import channels, dictionary, samples, scalars, windows
 from ground.analysis.channels import Channel
 from ground.analysis.dictionary import Feature
-from ground.analysis.distributions import chi_squared_above
+from ground.analysis.distributions import LEVEL, chi_squared_above
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
 from ground.analysis.samples import Samples, Scales, evaluated
 from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
-from ground.analysis.search import LEVEL
 from ground.poses import scatter
 from ground.support.annotations import Array, Indices
 
@@ -32,7 +31,7 @@ KEPT_OF_ONE = 30  # ... of them on one channel
 LENGTHENED = 40  # best products of two that are multiplied with a third
 REFINED = 10  # features whose constants are moved
 NEARBY = 1e-3  # move of a constant for a derivative, over its reach
-LONGEST = 0.5  # move in one iteration, over its reach
+MAX_MOVE = 0.5  # move in one iteration, over its reach
 CONSTANT = 3.0  # number of independent features for each that is tested, by a constant that is moved
 
 
@@ -188,7 +187,7 @@ def _step(feature: Feature, start: Feature, D: Array, y: Array) -> Feature:
     size = np.maximum(np.sqrt((A**2).sum(axis=0)), 1e-300)
     weights = np.linalg.lstsq(A / size, y, rcond=1e-6)[0] / size
     step = np.zeros(len(weights) - 1) if weights[0] == 0 else weights[1:] / weights[0] * NEARBY
-    step = np.clip(np.nan_to_num(step), -LONGEST, LONGEST)
+    step = np.clip(np.nan_to_num(step), -MAX_MOVE, MAX_MOVE)
     values = {}
     for (name, c), first, move in zip(feature.constants.items(), start.constants.values(), step):
         low, high = first.value - first.reach, first.value + first.reach

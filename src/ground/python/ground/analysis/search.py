@@ -13,7 +13,7 @@ from typing import Callable, Dict, FrozenSet, List, Mapping, Optional, Sequence,
 import numpy as np
 
 from ground import _core
-from ground.analysis.distributions import chi_squared_limit
+from ground.analysis.distributions import LEVEL, chi_squared_limit
 from ground.analysis.likelihood import COARSE, LEAST_GAIN, Likelihood, LikelihoodFit
 from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.window_error import FEW_WINDOWS, WindowFitter, free_parameters
@@ -22,7 +22,6 @@ from ground.support.annotations import Each
 from ground.support.errors import Diverged
 from ground.support.progress import Work
 
-LEVEL = 0.01  # probability of a false finding
 REFITTED = 4  # effects that are refitted in a step, best by score test first, and half as many pairs
 MIN_BEST_GAIN = 0.3  # least expected gain of what may be the best addition, over the largest one
 MIN_GAIN = 3.0  # expected gain per parameter that a refit needs
@@ -331,7 +330,6 @@ class Search:
         first, *also = self.candidates[name].starts(begun)
         fitter = WindowFitter(self.likelihood.runs, threads=1, most=FEW_WINDOWS)
         try:
-            model: _core.Model = fitter.whole(first, free_parameters(first), also)["model"]
-            return model
+            return fitter.whole(first, free_parameters(first), also).model
         except Diverged:  # it cannot be simulated from any start
             return first

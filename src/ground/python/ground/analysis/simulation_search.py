@@ -13,9 +13,9 @@ from typing import Callable, Dict, FrozenSet, List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis.distributions import mean_not_above_zero
+from ground.analysis.distributions import LEVEL, mean_not_above_zero
 from ground.analysis.judge import PairedComparison
-from ground.analysis.search import LEVEL, REFITTED
+from ground.analysis.search import REFITTED
 from ground.analysis.window_error import WindowFit, WindowFitter, channel_errors, free_parameters
 from ground.effect_library.candidates import Candidate
 from ground.support.annotations import Each
@@ -79,7 +79,7 @@ class SimulationSearch:
         """Error of a quick fit to all windows with another effect; infinite where a motion is not finite."""
         first, *also = self.candidates[name].starts(self.fits[base].model)
         try:
-            fitted = self.fitter.whole(first, free_parameters(first), also)["model"]
+            fitted = self.fitter.whole(first, free_parameters(first), also).model
             return float(channel_errors(self.fitter.runs, self.fitter.windows, fitted).sum())
         except Diverged:
             return np.inf

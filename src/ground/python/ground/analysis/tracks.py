@@ -12,10 +12,10 @@ from ground.support.annotations import Array, Document, Flags
 from ground.support.errors import GroundError
 
 PAUSE = 0.5  # time without a reference after which another drive begins [s]
-LONGEST = 0.1  # longest time for which a reference is extrapolated [s]
+MAX_EXTRAPOLATION = 0.1  # longest time for which a reference is extrapolated [s]
 AT_BOUND = 1e-6  # an input this near to 0 or 1 is saturated
 ROUNDING = 1e-9  # [s]
-SHORTEST = 1.0  # shortest drive that counts [s]
+MIN_DRIVE = 1.0  # shortest drive that counts [s]
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def read(path: str, recording: Recording) -> List[Track]:
     found = [_track(recording, part, wanted, computing, drivers) for part in np.split(references, breaks)]
     tracks = [track for track in found if track]
     if not tracks:
-        raise GroundError("%s: no drive along a reference of %g s and more" % (path, SHORTEST))
+        raise GroundError("%s: no drive along a reference of %g s and more" % (path, MIN_DRIVE))
     return tracks
 
 
@@ -96,12 +96,12 @@ def _track(
     times, eta = recording.pose_times[order], recording.eta[order]
     inside = (times >= began) & (times <= ended)
     times, eta = times[inside], eta[inside]
-    if ended - began < SHORTEST or len(times) < 2:
+    if ended - began < MIN_DRIVE or len(times) < 2:
         return None
     # a reference is published with the state that it was compared with, at the rate of control
     last = np.searchsorted(references[:, 0], times + 1e-6, side="right") - 1
     ahead = (times - references[last, 0])[:, None]
-    near = ahead[:, 0] <= LONGEST
+    near = ahead[:, 0] <= MAX_EXTRAPOLATION
     position = references[last, 1:3] + ahead * references[last, 3:5]
     commands = np.column_stack([recording.control_times, recording.thrust])
     names = {name for stamp, name in drivers if began <= stamp <= ended}

@@ -15,7 +15,8 @@ from ground.analysis.diagnosis import EXPLAINED, StepwiseDiagnosis
 from ground.analysis.folds import Judged
 from ground.analysis.horizon import PoseError, PredictionError
 from ground.analysis.likelihood import KINDS, Likelihood, LikelihoodFit
-from ground.support.annotations import Array, Document
+from ground.effect_library.parameters import FittedParameter
+from ground.support.annotations import Array
 from ground.support.errors import Diverged
 
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
@@ -202,7 +203,7 @@ def _grown(found: StepwiseDiagnosis) -> Judged:
     return best
 
 
-def _on_all(found: StepwiseDiagnosis) -> Tuple[_core.Model, List[Document]]:
+def _on_all(found: StepwiseDiagnosis) -> Tuple[_core.Model, List[FittedParameter]]:
     """The grown model and its parameters, fitted to all of the runs by likelihood. Of long runs, levels are
     fitted to the parts that the search used: their uncertainty hardly widens intervals then."""
     if found.is_excerpt:
@@ -291,7 +292,7 @@ def _varies(found: StepwiseDiagnosis) -> List[Varying]:
             found.differences[kind],
             sizes.tolist(),
         )
-        for kind, sizes in zip(KINDS, found.fit.of_runs().T)
+        for kind, sizes in zip(KINDS, found.fit.trims.T)
         if kind in found.differences
     ]
 

@@ -8,8 +8,8 @@ import numpy as np
 from ground import _core
 from ground.analysis import windows
 from ground.effect_library import candidates
-from ground.effect_library.parameters import described
-from ground.support.annotations import Array, Document, Indices, Random
+from ground.effect_library.parameters import FittedParameter, described
+from ground.support.annotations import Array, Indices, Random
 from ground.support.errors import Diverged, GroundError, core_errors, warn
 from ground.support.progress import Work
 
@@ -24,26 +24,43 @@ WRENCH = ("body_force_bias.x0", "body_force_bias.y0", "yaw_bias.n0")  # paramete
 
 
 @dataclass(frozen=True)
+class FitResult:
+    """What the core's fit to windows returns."""
+
+    model: _core.Model
+    parameters: List[FittedParameter]
+    correlation: Array
+    condition: float  # of the scaled information matrix
+    objective: float
+    initial: List[Array]  # velocities in which each window begins
+    shifted: List[_core.Model]
+    width: float  # of the loss of outliers
+    starts: int
+    starts_at_best: int
+    freedom: float  # degrees of freedom of Student's t
+    iterations: int
+    converged: bool
+
+
+@dataclass(frozen=True)
 class WindowFit:
     """A model fitted to windows."""
 
-    result: Document  # what the core's fit returns
+    result: FitResult
     error: Array  # (3,) mean |e|/s of u, v, r over the windows fitted to
     heldout: Array  # (3,) the same, each window by a fit to the other parts
     by_window: Array  # (windows,) sum of the held-out errors of u, v, r in each window
-    others: Mapping[int, Document]  # results without each part
+    others: Mapping[int, FitResult]  # results without each part
 
     @property
     def model(self) -> _core.Model:
         """The fitted model."""
-        model: _core.Model = self.result["model"]
-        return model
+        return self.result.model
 
     @property
-    def parameters(self) -> List[Document]:
-        """The fitted parameters: dictionaries as a LikelihoodFit has them."""
-        parameters: List[Document] = self.result["parameters"]
-        return parameters
+    def parameters(self) -> List[FittedParameter]:
+        """The fitted parameters."""
+        return self.result.parameters
 
 
 class WindowFitter:
@@ -99,15 +116,15 @@ class WindowFitter:
             others[part] = self._again(result, free, rest)
             inside = np.flatnonzero(self.part_of == part)
             tested = [self.windows[i] for i in inside]
-            heldout[inside] = window_errors(self.runs, tested, others[part]["model"])
-        error = channel_errors(self.runs, self.windows, result["model"])
+            heldout[inside] = window_errors(self.runs, tested, others[part].model)
+        error = channel_errors(self.runs, self.windows, result.model)
         return WindowFit(result, error, mean(self.windows, heldout), heldout.sum(axis=1), others)
 
     def models_at(self, found: WindowFit, chosen: Sequence[_core.Window]) -> List[_core.Model]:
         """The model for each of some windows that was not fitted to it; the model fitted to all where no
         part can be held out."""
         parts = parts_of(self.runs, chosen, self.most_parts)
-        return [found.others[p]["model"] if p in found.others else found.model for p in parts]
+        return [found.others[p].model if p in found.others else found.model for p in parts]
 
     @property
     def parts(self) -> List[int]:
@@ -122,7 +139,7 @@ class WindowFitter:
                 % (self.runs[0].name, windows.length(self.runs))
             )
 
-    def whole(self, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()) -> Document:
+    def whole(self, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()) -> FitResult:
         """The core's result of the best fit to all windows. See fit."""
         found, failure = [], Diverged("there is no model to start from")
         for start in [s for given in (model, *also) for s in candidates.turned(given, free)]:
@@ -132,21 +149,22 @@ class WindowFitter:
                 failure = error
         if not found:
             raise failure
-        return min(found, key=lambda result: float(result["objective"]))
+        return min(found, key=lambda result: result.objective)
 
-    def _again(self, result: Document, free: Sequence[str], rest: Sequence[int]) -> Document:
+    def _again(self, result: FitResult, free: Sequence[str], rest: Sequence[int]) -> FitResult:
         """The fit to some of the windows, from a result and with its outliers and states, so that it takes a
         few steps only."""
-        width = result["width"] if np.isfinite(result["width"]) else 0.0
-        known = [result["initial"][i] for i in rest]
+        width = result.width if np.isfinite(result.width) else 0.0
+        known = [result.initial[i] for i in rest]
         options = {**self.options, "starts": 1, "warm": True, "width": width, "initial": known}
-        return self._fit([self.fitted[i] for i in rest], result["model"], free, **options)
+        return self._fit([self.fitted[i] for i in rest], result.model, free, **options)
 
     def _fit(
         self, chosen: Sequence[_core.Window], model: _core.Model, free: Sequence[str], **options: Any
-    ) -> Document:
+    ) -> FitResult:
         with core_errors():
-            return windows.problem(self.runs, chosen, self.target).fit(model, list(free), **options)
+            found = windows.problem(self.runs, chosen, self.target).fit(model, list(free), **options)
+        return FitResult(**found)
 
 
 def parts_of(runs: Sequence[_core.RunData], cut: Sequence[_core.Window], most: int = PARTS) -> Indices:

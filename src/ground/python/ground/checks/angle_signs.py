@@ -10,11 +10,10 @@ from typing import List, NamedTuple, Sequence
 import numpy as np
 
 from ground import _core
-from ground.checks import blocks, damped
+from ground.checks import blocks, damped, reply
 from ground.reading.recording import Recording
 from ground.support.annotations import Array
 
-CLEAR = 3.0  # standard errors by which the mirrored angle explains more of the turns
 TURN = 2  # the moment's place in a wrench; it alone decides
 
 
@@ -53,7 +52,7 @@ def find(recordings: Sequence[Recording], model: _core.Model) -> List[WrongSign]
         for at in damped.pieces(rest.times, later.block)
     ]
     logs, parts = blocks.logs(np.array(left).T[:, :, None])
-    clear = logs[0] - logs > CLEAR * blocks.error_of_sum(parts - parts[:1])
+    clear = logs[0] - logs > reply.CERTAIN * blocks.error_of_sum(parts - parts[:1])
     shares = 1 - np.array(left).sum(axis=0) / max(float((turns**2).sum()), 1e-300)
     return [
         WrongSign(names[i], float(shares[j]), float(shares[0])) for j, i in enumerate(angles, 1) if clear[j]

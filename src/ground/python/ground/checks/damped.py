@@ -17,10 +17,9 @@ from ground.support.annotations import Array, Indices
 
 FRAMES = (False, True)  # whether headings and positions contradict
 FINEST, STEP = 0.125, 1.5  # first tried time constant [shortest averages], and ratio to the next one
-FEWEST = 10  # averages of a run
+MIN_AVERAGES = 10  # averages of a run
 LONG = 4.0  # blocks are so many times as long as what they hold is remembered
-MIN_BLOCKS = 6
-CLEAR = 3.0  # standard errors by which the motion has to follow the commands, not to precede them
+MIN_BLOCKS = 6  # fewest of which a standard error is estimated
 
 
 class _Run(NamedTuple):
@@ -83,7 +82,7 @@ def _run(recording: Recording, told: Told, twisted: bool, width: float, shift: f
     at = [recording.held(commands, times - lag) for lag in (0.0, shift, -shift)]
     rows = np.column_stack([times, moved, nu, *at, level])
     means = reply.means(times, rows, width, scatter.interval(motion.times))
-    if len(means) < FEWEST:
+    if len(means) < MIN_AVERAGES:
         return None
     base = np.linalg.qr(means[:, -3:])[0]
     left = kinematics.without(means[:, 1:-3], base)
@@ -123,7 +122,7 @@ def _follow(runs: Sequence[_Run], block: float, axes: slice) -> bool:
         return False
     logs, parts = blocks.logs(np.array(unexplained))
     error = blocks.error_of_sum(parts[1:] - parts[:1])
-    return bool(logs[1] - logs[0] > CLEAR * error[0])
+    return bool(logs[1] - logs[0] > reply.CERTAIN * error[0])
 
 
 def pieces(times: Array, length: float) -> List[Indices]:

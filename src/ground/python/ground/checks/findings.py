@@ -10,20 +10,19 @@ from ground.checks import reply, suspicions
 from ground.checks.quality import SHORTEST, RepairedRun, lifted, same_inputs
 from ground.poses import angles, kinematics, repair, scatter
 from ground.reading import words
+from ground.reading.gathered import LATE
+from ground.reading.instants import CENTURY
 from ground.reading.recording import Recording
 from ground.reading.run_settings import NAMES, RunFile
 from ground.support.annotations import Document
 
-THIS_CENTURY = 946684800.0  # [s] since 1970
 DRIVES_BY = {  # assumptions if no record says when the drive began
     "first command": "; assumed: the first command has lift, and no record says when it began",
     "start": "; assumed: no command has lift",
 }
 FEWEST_CHANGES = 20  # changes of the commands that show whether the motion follows them
-CERTAIN = 3.0  # standard errors that an effect of a thruster exceeds
 MAX_NAMED = 4  # gaps and other events that are listed; the rest is counted
 GAP = 6.0  # a longer pause is a gap [usual intervals between poses]
-LATE = 0.05  # a stamp with a larger delay after its frame is late [s]
 EFFECTS = (  # what a thruster does forward, to the right, and as it turns: words, unit
     (("pushes forward", "pushes backward"), "m/s2"),
     (("pushes to the right", "pushes to the left"), "m/s2"),
@@ -187,7 +186,7 @@ def _controls_of(run: RepairedRun) -> Document:
 
 def when(begins: float) -> str:
     """When a recording begins, by its first stamp [s]."""
-    if begins < THIS_CENTURY:
+    if begins < CENTURY:
         return "from %.2f s on of a simulated clock" % begins
     moment = datetime.datetime.fromtimestamp(begins, datetime.timezone.utc)
     return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
@@ -281,7 +280,7 @@ def _does(name: str, authority: reply.Authority) -> str:
     least = 0.3 * max(abs(forward), abs(right))
     values = (forward, right, authority["turn"])
     for (sentences, unit), value, error in zip(EFFECTS, values, authority["errors"]):
-        if abs(value) > CERTAIN * error and (unit == "rad/s2" or abs(value) > least):
+        if abs(value) > reply.CERTAIN * error and (unit == "rad/s2" or abs(value) > least):
             parts.append("%s (%.2g +- %.1g %s)" % (sentences[value < 0], abs(value), error, unit))
     return "%s %s" % (name, ", ".join(parts) or "has no clear effect")
 

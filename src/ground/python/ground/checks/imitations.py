@@ -25,7 +25,7 @@ body: {m: 1.0, l: 1.0, k: %r, I_z: %r, X_u: %r, Y_v: %r, N_r: %r, input_max: 1.0
 effects: []
 """
 IDLE = 0.1  # least change of the sum, over the change of the difference
-FEWEST = 20  # averages that a rough model follows from
+MIN_AVERAGES = 20  # averages that a rough model follows from
 LAX = 0.5  # chance that some other reading is preferred in an imitation whose channels do not show
 WHY = "recordings that a model makes with these commands look so, too"
 
@@ -57,7 +57,7 @@ def rough(recordings: Sequence[Recording]) -> Optional[_core.Model]:
     that is no such craft: where a thruster does the opposite, or commands change too little."""
     parts = [_means(recording) for recording in recordings]
     rows = np.vstack([part for part in parts if part is not None] or [np.empty((0, 8))])
-    if len(rows) < FEWEST:
+    if len(rows) < MIN_AVERAGES:
         return None
     (X, Y, N), (u, v, r), (left, right) = rows[:, :3].T, rows[:, 3:6].T, rows[:, 6:].T
 

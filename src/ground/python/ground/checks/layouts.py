@@ -30,7 +30,7 @@ FRAMES = ((1, False), (-1, True), (-1, False), (1, True))  # sign of the heading
 MAX_PERMUTED = 5  # thrusters whose channels are tried in every order; of more, exchanged pairs
 MAX_SIGNED = 4  # thrusters of which any may be inverted; of more, one
 SAME = 6  # digits to which the effects of one class agree
-BLOCK, MAX_BLOCKS, MIN_BLOCKS = 0.7, 200, 6  # length of the blocks [turn times], and their number
+BLOCK, MAX_BLOCKS = 0.7, 200  # length of the blocks [turn times], and their largest number
 CHANCE = 0.01  # that any wrong class is preferred to the right one, over all of them
 MISALIGNED = 0.5  # largest angle of a force that may be the craft's own [rad]
 ROUNDED = 0.1  # a heading's offset that is nearer to a quarter turn is one [rad]
@@ -201,7 +201,7 @@ class _Moments:
         found = cls(*(np.array(sums) for sums in zip(*parts))) if parts else None
         if (
             found is None
-            or len(parts) < MIN_BLOCKS
+            or len(parts) < damped.MIN_BLOCKS
             or not (found.totals.sum(axis=0) > 0).all()
             or not (np.trace(found.sizes.sum(axis=0)) > 1e-9)
         ):

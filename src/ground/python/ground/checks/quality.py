@@ -16,7 +16,6 @@ from ground.support.errors import GroundError
 # after a contact, of a silence, and that is kept of a rest [usual intervals between poses]
 SHORTEST, IDLE, MARGIN = 36, 120, 12
 MOVED = 20.0  # largest movement of a craft at rest [standard deviations of a pose]
-FEWEST_POSES = 10  # intervals between poses in the shortest window
 FROZEN = 36  # poses in a row that repeat the last one, if thrusters act, from which they are no measurement
 STEPS = 0.25  # largest change of velocity of a pose that steps, relative to the change in one interval
 STEP = 300.0  # largest step of poses that is none of the craft [standard deviations of a pose]
@@ -168,7 +167,7 @@ class RepairedRun:
                 % (self.recording.name, inside.sum(), self.end, self.usable())
             )
         inputs = self.inputs(model)
-        least = FEWEST_POSES * scatter.interval(motion.times)
+        least = repair.MIN_POSES * scatter.interval(motion.times)
         scales = motion.scales.max_gap, motion.scales.linear_jerk, motion.scales.angular_jerk
         inputs[:, 1:-1] *= model.input_max
         return _core.RunData(

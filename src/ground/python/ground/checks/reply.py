@@ -23,14 +23,14 @@ PLACEBOS = 9  # tried lags at which no motion follows
 # Share of the accelerations that commands explain which the motion follows: at least, or by so many times
 # the share that commands of other times explain and at least the last one.
 FOLLOWS, CLEARLY, MIN_FOLLOWED = 0.1, 3.0, 0.02
-EXCLUDED = 3.0  # standard errors beyond which an effect is excluded
+CERTAIN = 3.0  # standard errors beyond which an effect or a difference is certain, or excluded
 SIDES = 2.0  # standard errors on both sides of a number in a report
 AMBIGUOUS = 0.6  # noise of headings from which it is not known which way the craft turned [rad]
 POWER = 0.5  # least share of accelerations that is no noise, where it can be decided
 BLOCKS = 10  # blocks of time that errors are estimated from
 # Time over which accelerations are averaged to see a slow craft's reply above noise: in times over which the
 # smoother averages, and at most so long that a run has as many of them.
-COARSE, FEWEST = 10.0, 60
+COARSE, MIN_AVERAGES = 10.0, 60
 COARSE_LAGS = np.arange(-0.3, 0.41, 0.05)  # tried there [s]
 ALIKE = 1e-2  # commands whose singular values are in a smaller ratio do not distinguish channels
 
@@ -145,7 +145,7 @@ def _timing(lags: Array, costs: Array, resolved: float) -> Tuple[float, bool]:
     error = float(np.sqrt((BLOCKS - 1) * others.var() + (lags[1] - lags[0]) ** 2 / 12))
     best, later = int(whole.argmin()), np.flatnonzero(lags >= 0)
     gain = costs[later[whole[later].argmin()]] - costs[best]
-    clear = gain.mean() > EXCLUDED * gain.std(ddof=1) / np.sqrt(BLOCKS)
+    clear = gain.mean() > CERTAIN * gain.std(ddof=1) / np.sqrt(BLOCKS)
     return error, bool(lags[best] < -max(resolved, SIDES * error) and clear)
 
 
@@ -159,7 +159,7 @@ class _Slow(NamedTuple):
 
 def coarse_width(motion: Motion) -> float:
     """Time over which averaged accelerations show a slow craft's reply [s]."""
-    return min(COARSE * kinematics.averaged_over(motion), float(np.ptp(motion.times)) / FEWEST)
+    return min(COARSE * kinematics.averaged_over(motion), float(np.ptp(motion.times)) / MIN_AVERAGES)
 
 
 def coarse(motion: Motion, times: Array, rows: Array) -> Array:
@@ -194,7 +194,7 @@ def _slow(recording: Recording) -> Optional[_Slow]:
         left = kinematics.residuals(kinematics.without(commands, base), wanted)
         return np.asarray(1 - (left**2).sum(axis=0) / most)
 
-    if not len(wanted) > FEWEST:
+    if not len(wanted) > MIN_AVERAGES:
         return None
     shares = np.array([share(lag) for lag in COARSE_LAGS])
     chances = np.max([share(lag) for lag in _placebos(recording)], axis=0)
@@ -354,7 +354,7 @@ def decides(recording: Recording) -> bool:
     sizes, slow = found.std(axis=0), coarse(motion, motion.times[inside], found).std(axis=0)
     noise = np.sqrt(min(1.0, kinematics.averaged_over(motion) / coarse_width(motion)))
     return bool((slow > noise * sizes).any()) and all(
-        abs(value) + EXCLUDED * error < size
+        abs(value) + CERTAIN * error < size
         for one in authorities(recording).values()
         for value, error, size in zip((one["forward"], one["right"], one["turn"]), one["errors"], sizes)
     )

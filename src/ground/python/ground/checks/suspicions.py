@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
+from scipy import constants
 
 from ground import _core
 from ground.checks import angle_signs, imitations, layouts, other_clocks, reply
@@ -19,7 +20,6 @@ from ground.support.errors import GroundError
 
 MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
 FINEST = 5e-6  # no mocap measures a craft that moves more precisely [m]
-GRAVITY = 9.80665  # thrusters hardly accelerate a craft by more [m/s^2]
 TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]
 # Delays that scatter explains, that one clock explains, and that may be the craft's own, all at once; shares
 # of reply.turn_time(). What velocities do to a craft while it answers shifts a delay by as little.
@@ -119,7 +119,8 @@ def lengths(recording: Recording) -> Iterator[Suspicion]:
     noise = motion.noise[0]
     likely, fast = units.length_units(recording.pose_times, recording.eta[:, :2], noise)
     hard = float(np.quantile(np.linalg.norm(motion.nu_dot[:, :2], axis=1), 0.95))
-    if likely and (fast > units.FASTEST or hard > GRAVITY):  # a boat is fast as well, but slow to be so
+    # thrusters hardly accelerate a craft by more than gravity; a boat is fast as well, but slow to be so
+    if likely and (fast > units.FASTEST or hard > constants.g):
         yield Suspicion(
             "length",
             "the craft goes %.0f m/s and the poses scatter by %.2g m: positions seem to be in %s%s"
@@ -310,7 +311,7 @@ def _weak(recording: Recording, thrusters: Sequence[layouts.Thruster]) -> Iterat
     usual = float(np.median(list(rates.values())))
     for name in turning:
         error = found[name]["errors"][2]
-        most = rates[name] * np.sign(usual) + reply.EXCLUDED * error / abs(levers[name])
+        most = rates[name] * np.sign(usual) + reply.CERTAIN * error / abs(levers[name])
         if most < WEAK * abs(usual):
             yield Suspicion(
                 "weak",

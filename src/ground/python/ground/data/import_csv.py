@@ -7,6 +7,7 @@ from typing import Dict, Optional, Tuple
 import numpy as np
 
 from ground.reading import containers, messages
+from ground.reading.instants import END_OF_ROS
 from ground.reading.recording import checked
 from ground.support import command_line, files
 from ground.support.annotations import Array, Indices
@@ -17,7 +18,6 @@ from ground.support.progress import Work
 RECEIVED = "%time"
 STAMP = "field.header.stamp"
 POINT = ["field.point.x", "field.point.y", "field.point.z"]
-LATEST = 2**32 * 10**9  # ROS has 32 bits for seconds [ns]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +49,7 @@ def read_csv(path: str) -> Tuple[Indices, Indices, Array]:
         columns = tables.table(os.path.basename(path))
     times = [STAMP, RECEIVED if RECEIVED in columns else STAMP]
     numbers = containers.values(columns, [*times, *POINT], path)
-    outside = ~((numbers[:, :2] > 0) & (numbers[:, :2] < LATEST)).all(axis=1)
+    outside = ~((numbers[:, :2] > 0) & (numbers[:, :2] < END_OF_ROS)).all(axis=1)
     for wrong, what in (
         (~np.isfinite(numbers).all(axis=1), "a value is missing, not a number or not finite"),
         (outside, "a stamp is not a time between 1970 and 2106 in nanoseconds"),

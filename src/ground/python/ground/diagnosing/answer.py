@@ -7,8 +7,7 @@ import shlex
 from typing import Iterator, List, Mapping, Union
 
 from ground.analysis.diagnosis import EXPLAINED
-from ground.analysis.distributions import DEVIATIONS, student_outside
-from ground.analysis.search import LEVEL
+from ground.analysis.distributions import DEVIATIONS, LEVEL, student_outside
 from ground.diagnosing import words
 from ground.diagnosing.report import (
     AddedEffect,

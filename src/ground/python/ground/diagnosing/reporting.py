@@ -38,7 +38,7 @@ from ground.diagnosing.report import (
     corrected,
 )
 from ground.effect_library import candidates
-from ground.support.annotations import Document
+from ground.effect_library.parameters import FittedParameter
 
 MAX_PLANNED_RUNS = 6  # runs that the next experiment is planned with
 MAX_JUDGED = 3  # best effects whose errors are in the report, beside those found
@@ -150,7 +150,7 @@ def screened(diagnosis: StepwiseDiagnosis) -> List[ScreenedEffect]:
 
 
 def parameters(
-    parameters: Iterable[Document], prefix: str = "", given: Optional[_core.Model] = None
+    parameters: Iterable[FittedParameter], prefix: str = "", given: Optional[_core.Model] = None
 ) -> Parameters:
     """Parameters by name; `start` is the value in the given model, where it has the parameter."""
     values = candidates.values(given) if given else {}
@@ -158,7 +158,7 @@ def parameters(
         p["name"][len(prefix) :]: ReportedParameter(
             p["value"],
             p["unit"],
-            (p["ci95"][0], p["ci95"][1]),
+            p["ci95"],
             p["identified"],
             values.get(p["name"], p.get("start")),
             p.get("deviation"),

@@ -27,7 +27,7 @@ from ground.support.progress import Work
 # Expected before the first flight: noise of the poses and random wrench
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]
 DISTURBANCE = 0.05  # relative to the level that fits start from
-FAR = 1.5  # ratio of the error to the noise of poses from which what is left has to be explained
+MAX_NOISE_RATIO = 1.5  # ratio of the error to the noise of poses from which what is left has to be explained
 UNDECIDED = "undecided"  # the verdict on flights that cannot decide whether something is missing
 SIMULATIONS = 20  # artificial flights that give the distribution of an error
 
@@ -82,7 +82,7 @@ class FlightDiagnosis:
         left = self.conclusion.ceiling
         if left.said:
             return True
-        is_far = float(self.diagnosis.best.error.sum()) > FAR * self.conclusion.noise_floor
+        is_far = float(self.diagnosis.best.error.sum()) > MAX_NOISE_RATIO * self.conclusion.noise_floor
         return is_far and (left.is_open or not self.conclusion.agreement.holds)
 
 

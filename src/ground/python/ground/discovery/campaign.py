@@ -26,9 +26,9 @@ from ground.discovery.story import CONFIRM, DECIDE, GIVEN, LEFT, LOOK, SLIGHT, T
 from ground.support.progress import Work
 
 LEAVES = ("unexplained", "memory")  # verdicts that leave something to explain
-SHORTEST = 6.0  # shortest flight of an excitation [s]
+MIN_FLIGHT = 6.0  # shortest flight of an excitation [s]
 RESERVED = 20.0  # kept of the budget for the confirming flight [s]
-FEWEST = 2  # excitations before a verdict is sure
+MIN_EXCITATIONS = 2  # excitations before a verdict is sure
 FEWEST_VARYING = 4  # excitations that show how much something differs from flight to flight
 PATIENCE = 3  # flights in a row that show nothing
 LASTING = 2  # findings in a row that leave a verdict unexplained before it is sure
@@ -124,7 +124,7 @@ class FlightCampaign(Flights):
 
     def _sure(self) -> bool:
         """Whether no question is left that flights could decide."""
-        if self.found is None or len(self._excitations()) < FEWEST:
+        if self.found is None or len(self._excitations()) < MIN_EXCITATIONS:
             return False
         if self.found.verdict in LEAVES:
             verdicts = [f.verdict for f in self.story.findings[-LASTING:]]
@@ -138,7 +138,7 @@ class FlightCampaign(Flights):
     def _look(self) -> None:
         """Flies what removes most doubt."""
         left = self._left() - RESERVED
-        if left < SHORTEST:
+        if left < MIN_FLIGHT:
             self._out_of_time()
             return
         self._tell("chooses the next flight")
@@ -161,7 +161,7 @@ class FlightCampaign(Flights):
         time for it."""
         found = self.found
         leaves = found is None or found.verdict in LEAVES or found.is_left_open
-        if not leaves and self.story.confirmation is None and self._left() > SHORTEST:
+        if not leaves and self.story.confirmation is None and self._left() > MIN_FLIGHT:
             self._confirm()
             return
         open_still = self._open()

@@ -10,7 +10,7 @@ from ground.discovery.information import DECIDED, Offer
 from ground.discovery.pieces import Piece, pieces
 from ground.support.annotations import Array
 
-LONGEST = 16.0  # longest flight of an excitation [s]
+MAX_FLIGHT = 16.0  # longest flight of an excitation [s]
 NAMED = 4  # open questions that a reason names
 REST = (
     "Something may be left that neither an effect nor chance explains; random inputs show what it depends on."
@@ -39,7 +39,7 @@ def informed(state: State, offers: Sequence[Offer], longest: float, seed: int) -
     """Chooses the pieces that remove most doubt per second. See Chooser."""
     asked = replace(state.questions, asked=state.open)
     known = state.information.matrix
-    chosen = information.greedy(asked, known, offers, min(LONGEST, longest)) or [offers[0]]
+    chosen = information.greedy(asked, known, offers, min(MAX_FLIGHT, longest)) or [offers[0]]
     after = known + sum(offer.gain for offer in chosen)
     return Chosen([offer.piece for offer in chosen], _reason(asked, known, after))
 

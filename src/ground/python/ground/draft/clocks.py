@@ -16,7 +16,7 @@ from ground.support.errors import GroundError
 RATES = (2.0, 1000.0)  # of rows, of which one unit of time alone can be [Hz]
 GIVEN_RATES = (1.0, 1e4)  # the same of a unit that is given [Hz]
 CLEARLY = 0.5  # by which the name of a time is likelier than others
-LONGEST = 20.0  # usual time between rows up to which times may be days [s]
+MAX_PERIOD = 20.0  # usual time between rows up to which times may be days [s]
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def _time_unit(values: Array) -> str:
     """By its size if it is a time since 1970, or its steps."""
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    if instants.first_day(values) and step < LONGEST / 86400:
+    if instants.first_day(values) and step < MAX_PERIOD / 86400:
         return "days"
     since = instants.since_1970(values[0])
     if since:

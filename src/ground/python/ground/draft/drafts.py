@@ -16,7 +16,7 @@ from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
 MAX_ROWS = 20000  # messages of a topic to look at
-MOST = 0.99  # share of the poses that are upright by the right axes
+MIN_UPRIGHT = 0.99  # share of the poses that are upright by the right axes
 NORTH = 0.5  # mean angle between the heading and the course within which a compass's north is 0 [rad]
 ALIKE = 0.15  # difference of the likelihoods of two names of headings that are as likely
 RATES = ("rad/s", "deg/s")
@@ -168,7 +168,7 @@ def _axes(position: Array, quaternion: Array) -> str:
     height = float(np.median(position[:, vertical]))
     sign = "positive: up" if height > 0 else "negative: down" if height < 0 else "0: up or down is not known"
     why = "%s moves least, %.0f%% of the poses are upright by it, and it is mostly %s"
-    doubts = MARK + why if share > MOST else "these poses are not upright by any axis, " + MARK + why
+    doubts = MARK + why if share > MIN_UPRIGHT else "these poses are not upright by any axis, " + MARK + why
     doubts = doubts.replace(*CLEAR) if abs(height) > np.ptp(position[:, vertical]) else doubts
     return 'axes: "%s"  # ' % axes + doubts % (axes[-1], 100 * share, sign)
 

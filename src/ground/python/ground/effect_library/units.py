@@ -13,7 +13,7 @@ NAMES: Dict[str, Unit] = {
 }  # fmt: skip
 WRENCH: Dict[str, Unit] = {"X": (1, 0, 0), "Y": (1, 0, 0), "N": (1, 1, 0)}
 SAME = ("abs", "min", "max")  # functions whose result has the unit of their arguments
-LONGEST = 2000  # characters of a formula
+MAX_FORMULA = 2000  # characters of a formula
 
 
 def parameters(formulas: Mapping[str, str], commands: Sequence[str]) -> Dict[str, str]:
@@ -23,8 +23,8 @@ def parameters(formulas: Mapping[str, str], commands: Sequence[str]) -> Dict[str
     known = {**NAMES, **{name: NONE for name in commands}}
     found: Dict[str, Optional[Unit]] = {}
     for channel, text in formulas.items():
-        if len(text) > LONGEST:
-            raise GroundError("a formula has at most %d characters" % LONGEST)
+        if len(text) > MAX_FORMULA:
+            raise GroundError("a formula has at most %d characters" % MAX_FORMULA)
         try:
             tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):

@@ -6,7 +6,7 @@ from typing import Callable, Dict, Iterable, List, Mapping, Sequence, Set, Tuple
 
 from ground import _core
 
-LONGEST = 80  # expression that is not given a name of its own [characters]
+MAX_EXPRESSION = 80  # expression that is not given a name of its own [characters]
 POSE_AND_VELOCITY = ("x", "y", "psi", "u", "v", "r")
 # How tightly operators bind, in C as in Python
 TIGHTNESS = {"||": 1, "&&": 2, "!": 2, "+": 5, "-": 5, "*": 6, "/": 6, "neg": 7}
@@ -148,7 +148,7 @@ class _Writer:
             tightness = TIGHTNESS[name]
             operands = [self._argument(a, tightness + i) for i, a in enumerate(arguments)]
             text = (" %s " % name).join(operands) if len(operands) == 2 else "-" + operands[0]
-        if uses > 1 or len(text) > LONGEST:
+        if uses > 1 or len(text) > MAX_EXPRESSION:
             own = self._name()
             self.lines.append(self.language.assignment.format(own, text))
             text, tightness = own, WHOLE

@@ -25,7 +25,7 @@ CELL, FEWEST = 0.25, 5  # side of a cell of the floor [m], least number of error
 LARGE = 5  # error of the brightest floor, relative to noise
 SURE = 3.5  # least missing force that is drawn, relative to its standard deviation
 THRUST_LENGTH, MISSING_LENGTH = 0.3, 4.0  # arrow of a full thruster, and of a missing full thrust [m]
-LONGEST, SHORTEST = 0.8, 0.02  # arrow of a missing force [m]
+MAX_ARROW, MIN_ARROW = 0.8, 0.02  # arrow of a missing force [m]
 HULL, BOW, WALL, HOME, TEXT = "#c8c8c8", "#404040", "#404040", "#606060", "#808080"
 DARKER = 0.7  # texts, than the colour that they explain
 OPACITY = 0.35  # of what is predicted, and of the floor
@@ -156,8 +156,8 @@ class Scene:
         shade, arrows = shapes.color(_core.palette["missing"]), []
         for start, force in found:
             length = math.hypot(*force) * MISSING_LENGTH / body.full_thrust
-            if length >= SHORTEST:
-                by = min(length, LONGEST) / math.hypot(*force)
+            if length >= MIN_ARROW:
+                by = min(length, MAX_ARROW) / math.hypot(*force)
                 along = by * force[0], by * force[1]
                 arrows.append(shapes.arrow(start, along, 3 * body.l, 0.03, shade))
         return arrows

@@ -9,6 +9,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ground.analysis.distributions import LEVEL
 from ground.fitting import bench_logs
 from ground.fitting.bench_logs import BenchFormat
 from ground.support.annotations import Array, Flags
@@ -16,7 +17,6 @@ from ground.support.errors import GroundError
 
 OFF = 1e-9  # input of a thruster that is off
 BOTH = "both"  # column of all thrusters together
-CHANCE = 0.01  # that a row which was measured is taken for a computed one, over all pairs of rows
 
 Row = Tuple[int, List[float]]  #: line, and the numbers: input, then forces
 
@@ -209,7 +209,7 @@ def without_copies(
             if other_line in copies or other[0] == values[0] or not scatter > 0:
                 continue
             factor, chance = _factor(values, other, scatter)
-            if chance < CHANCE / pairs:
+            if chance < LEVEL / pairs:
                 copies.add(line)
                 remarks.append(
                     "%s: line %d is left out: its forces equal line %d times %.4g, in all %d columns "

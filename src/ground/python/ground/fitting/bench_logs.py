@@ -26,7 +26,7 @@ FORCE = re.compile(r"force|thrust|weight|load|cell|gram|newton|^(f|g|N)$", re.I)
 COMMAND = re.compile(r"mask|bits|command|cmd|input|pwm|throttle|duty|valve|switch|level|esc|^(u|on)$", re.I)
 MASK = re.compile(r"mask|bits", re.I)
 STILL = 0.1  # change within the second half of a stretch, relative to that in the whole, that is too much
-FEWEST = 4  # readings in half of a stretch
+MIN_READINGS = 4  # readings in half of a stretch
 SHARES = (0.1, 0.5, 0.9)  # shares of the force of a pulse whose times are measured
 _Values = TypeVar("_Values", float, Array)
 
@@ -123,7 +123,7 @@ def read(path: str, form: BenchFormat) -> Log:
     known = np.isfinite(rows[:, :2]).all(axis=1) & np.isfinite(levels)
     rows, levels, together = rows[known], levels[known], together[known]
     seconds = rows[:, 0] * next((SECONDS[w] for w in _words(time)[1:] if w in SECONDS), 1.0)
-    if len(seconds) < 2 * FEWEST or (np.diff(seconds) < 0).any():
+    if len(seconds) < 2 * MIN_READINGS or (np.diff(seconds) < 0).any():
         raise GroundError("%s: the times in column %s do not rise from row to row" % (path, time))
     each = list(_pulses(seconds, newtons * rows[:, 1], levels, together))
     found = [pulse for pulse in each if pulse]
@@ -280,7 +280,7 @@ class _Stretches:
         short or still changes. size: of all forces."""
         part = self.part(number)
         half = self.forces[(part.start + part.stop) // 2 : part.stop]
-        if len(half) < FEWEST:
+        if len(half) < MIN_READINGS:
             return float("nan"), float("nan")
         early, late = (float(np.median(p)) for p in np.array_split(half, 2))
         changed = abs(late - float(self.forces[part.start]))

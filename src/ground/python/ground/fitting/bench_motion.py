@@ -14,6 +14,7 @@ import numpy as np
 from scipy import stats
 
 from ground import _core
+from ground.analysis.distributions import LEVEL
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.window_error import free_parameters
 from ground.data.measured import Part, measured
@@ -27,7 +28,6 @@ from ground.support.progress import Work
 from ground.support.quantities import quantity, with_interval
 
 MOVING, STAGE = ("input_delay", "motor_lag"), "fitting mass and inertia to motion"
-LEVEL = 0.01  # probability of adding a delay that is not there
 STARTS = (0.02, 0.05, 0.1, 0.2)  # initial values of a delay or a lag [s]
 UNSURE = 1.0  # relative half-width of an interval from which a number is not identifiable
 
@@ -159,10 +159,7 @@ def motion(model: Model, bench: WithInterval, recordings: Recordings, part: Part
             needed = plain.log_posterior + stats.chi2.isf(LEVEL / len(MOVING), 1) / 2
             if found.log_posterior > max(needed, best.log_posterior):
                 best, effect = found, name
-    known = {
-        p["name"]: WithInterval(p["value"], *(p["ci95"] or (math.nan, math.nan)))
-        for p in likelihood.intervals(best)
-    }
+    known = {p["name"]: WithInterval(p["value"], *p["ci95"]) for p in likelihood.intervals(best)}
     m, inertia, given = known["m"], known["I_z"], model.core.value("m")
     time = next((one for name, one in known.items() if effect and name.split(".")[0] == effect), None)
     times = [recording.control_times for recording in seen.recordings]

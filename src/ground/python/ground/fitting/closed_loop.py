@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 # Shares of the time scale: over which coming and past commands are averaged, how old motion is, samples
 AHEAD, PAST, OLD, STEP = 0.1, (1e-3, 0.05, 0.1, 0.2, 0.4, 0.8), (0.1, 0.3), 0.05
-MOST, FEWEST = 2000, 50  # samples of a run
+MAX_SAMPLES, MIN_SAMPLES = 2000, 50  # samples of a run
 SHIFTS = 49  # other times that the motion is tried at: fits to open loops are called closed in 1 of 50
 MIN_NEW = 0.3  # share of the commands that past ones do not explain, above which the test is skipped
 
@@ -29,9 +29,9 @@ def closed(runs: "Sequence[RepairedRun]", data: Sequence[_core.RunData], model: 
     scale, found = _core.time_scale(model), {}
     for run, one in zip(runs, data):
         times = np.array(one.times)
-        step = max(STEP * scale, float(np.ptp(times)) / MOST)
+        step = max(STEP * scale, float(np.ptp(times)) / MAX_SAMPLES)
         at: Array = np.arange(times[0] + scale, times[-1] - AHEAD * scale, step)
-        if len(at) < FEWEST:
+        if len(at) < MIN_SAMPLES:
             continue
         try:
             predicted = window_error.recorded(one, model, np.random.default_rng(0))

@@ -3,14 +3,14 @@
 import argparse
 import contextlib
 import functools
-from dataclasses import asdict, astuple, dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import horizon, window_error, windows
-from ground.analysis.distributions import student_outside
+from ground.analysis.distributions import LEVEL, student_outside
 from ground.analysis.horizon import ModelsAt, PredictionError
 from ground.analysis.window_error import WindowFit, WindowFitter
 from ground.data import voltage
@@ -29,7 +29,6 @@ from ground.support.progress import Progress, Work
 OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
 RUNS = 20  # most parts that runs are held out in, where each has an error of its own
-LEVEL = 0.01  # probability that any run is reported to disagree in any parameter although all agree
 CLOSED = (
     "%s: the commands depend on the motion before them (closed loop), so the fit takes disturbances for "
     "effects of commands, and its intervals may miss the truth; record commands that do not depend on the "
@@ -152,8 +151,8 @@ def fit(
         estimates.parameters[name] = p
     for name in closed_loop.closed(seen.runs, seen.data, found.model):
         warn(CLOSED % name)
-    if not found.result["converged"]:
-        warn("the fit has not converged after %d iterations" % found.result["iterations"])
+    if not found.result.converged:
+        warn("the fit has not converged after %d iterations" % found.result.iterations)
     runs: List[RunFit] = []
     if len(seen.data) > 1:
         with work.stage(ALONE, len(seen.data)):
@@ -175,10 +174,10 @@ def fit(
     from ground.analysis.predicted_band import FitWithout
 
     parts = [
-        FitWithout(without["model"], seen.data[part :: fitter.most_parts])
+        FitWithout(without.model, seen.data[part :: fitter.most_parts])
         for part, without in (found.others.items() if len(seen.data) > 1 else ())
     ]
-    parts += [FitWithout(shifted) for shifted in found.result["shifted"]]
+    parts += [FitWithout(shifted) for shifted in found.result.shifted]
     result = _result(given, seen, options.starts, found, estimates, errors, prediction, runs, known)
     return replace(result, parts=parts)
 
@@ -288,11 +287,11 @@ def _result(
             comparison.thesis_objective(seen.data, given.core),
             comparison.thesis_objective(seen.data, core),
         ),
-        objective=result["objective"],
-        starts={"tried": starts, "at_best": result["starts_at_best"]},
-        condition=result["condition"],
-        weak=[asdict(weak) for weak in identifiability.weak_directions(estimates)],
-        converged=result["converged"],
+        objective=result.objective,
+        starts={"tried": starts, "at_best": result.starts_at_best},
+        condition=result.condition,
+        weak=identifiability.weak_directions(estimates),
+        converged=result.converged,
         runs=runs,
         same_inputs=quality.same_inputs(seen.runs),
         remarks=[

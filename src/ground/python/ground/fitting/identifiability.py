@@ -1,7 +1,7 @@
 """Parameters that a fit does not identify, in words."""
 
 from dataclasses import dataclass
-from typing import Callable, Dict, Iterator, List, Sequence, Tuple
+from typing import Callable, Dict, Iterator, List, Sequence, Tuple, TypedDict
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from ground import _core
 from ground.analysis import likelihood, window_error, windows
 from ground.models import Parameter, parameters_by_name
 from ground.reading import payloads
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array
 from ground.support.errors import Diverged
 
 WELL_KNOWN = 0.03  # relative deviation below which a parameter is well known
@@ -29,14 +29,13 @@ class WindowEstimates:
     freedom: float  #: degrees of freedom of Student's t of the intervals
 
     @classmethod
-    def of(cls, result: Document) -> "WindowEstimates":
+    def of(cls, result: window_error.FitResult) -> "WindowEstimates":
         """Of what the core's fit returns."""
-        correlation = np.array(result["correlation"])
-        return cls(result["model"], parameters_by_name(result["parameters"]), correlation, result["freedom"])
+        correlation = np.array(result.correlation)
+        return cls(result.model, parameters_by_name(result.parameters), correlation, result.freedom)
 
 
-@dataclass(frozen=True)
-class WeakDirection:
+class WeakDirection(TypedDict):
     """Two parameters of which only the ratio or product is identifiable."""
 
     parameters: List[str]
@@ -160,8 +159,16 @@ def weak_directions(fit: WindowEstimates) -> List[WeakDirection]:
             names = [first.name, second.name]
             known_as = ("/" if together > 0 else "*").join(names)
             strength = float(worse / max(known, 1e-9))
-            found.append(WeakDirection(names, known_as, float(known), [float(a), float(b)], strength))
-    return sorted(found, key=lambda weak: -weak.strength)
+            found.append(
+                WeakDirection(
+                    parameters=names,
+                    known_as=known_as,
+                    deviation=float(known),
+                    deviations=[float(a), float(b)],
+                    strength=strength,
+                )
+            )
+    return sorted(found, key=lambda weak: -weak["strength"])
 
 
 def sentences(fit: WindowEstimates) -> Iterator[str]:
@@ -170,9 +177,9 @@ def sentences(fit: WindowEstimates) -> Iterator[str]:
         if p.identified and p.at_bound:
             yield "%s is at its bound; the data prefer a value beyond it" % p.name
     for weak in weak_directions(fit):
-        (first, second), (a, b) = weak.parameters, weak.deviations
+        (first, second), (a, b) = weak["parameters"], weak["deviations"]
         yield (
             "%s and %s are only known as %s: this to ±%.2g%%, %s to ±%.2g%% and %s to ±%.2g%% (one "
             "standard deviation); fix one of them, or record inputs that distinguish them"
-            % (first, second, weak.known_as, 100 * weak.deviation, first, 100 * a, second, 100 * b)
+            % (first, second, weak["known_as"], 100 * weak["deviation"], first, 100 * a, second, 100 * b)
         )

@@ -5,14 +5,13 @@ import math
 from typing import Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
 from ground import _core
-from ground.analysis.distributions import student_outside
+from ground.analysis.distributions import LEVEL, student_outside
 from ground.effect_library.parameters import described
 from ground.models import Parameter
 from ground.support.errors import GroundError
 
 Known = Dict[str, Tuple[float, float]]  # mean and standard deviation by parameter
 Given = Union[Mapping[str, Union[float, str]], Sequence[Tuple[str, Union[float, str]]]]
-LEVEL = 0.01  # probability that any is reported as contradicted although all priors were right
 TOLD_LITTLE = 0.9  # of the deviation that was known, left after a fit
 SHOWN = 8  # parameters of a sentence
 

@@ -15,7 +15,7 @@ from ground.analysis.likelihood import step
 from ground.effect_library.parameters import described
 from ground.models import Estimated, Model, Parameter, parameter_frame
 from ground.support import records
-from ground.support.annotations import Array, Document, Path
+from ground.support.annotations import Array, Path
 from ground.support.errors import GroundError
 from ground.support.headline import Line
 from ground.support.public import public
@@ -26,9 +26,10 @@ if TYPE_CHECKING:
 
     from ground import Prediction
     from ground.analysis.predicted_band import FitWithout
+    from ground.fitting.identifiability import WeakDirection
     from ground.reading.recording import Recording
 
-FAR = 100.0  # ratio to the start value of a parameter at its bound that is none of the craft
+MAX_RATIO = 100.0  # ratio to the start value of a parameter at its bound that is none of the craft
 
 
 @dataclass(frozen=True)
@@ -108,9 +109,7 @@ class Fit(Shown, Plotted, Estimated):
     objective: float  #: the minimised value
     starts: Dict[str, int]  #: number of starts tried, and that reached this optimum (at_best)
     condition: float  #: condition number of the scaled information matrix
-    #: combinations of parameters that are known better than their parts: parameters (two names), known_as
-    #: ("a/b" or "a*b"), deviation of that and deviations of the two, relative, and their ratio, strength
-    weak: List[Document]
+    weak: "List[WeakDirection]"  #: combinations of parameters that are known better than their parts
     converged: bool  #: whether the search came to an end
     runs: List[RunFit]  #: fits to each run; empty for a single run
     same_inputs: List[Tuple[str, str]]  #: runs that were driven by the same commands
@@ -292,7 +291,7 @@ class Fit(Shown, Plotted, Estimated):
         return [
             p
             for p in self.parameters.values()
-            if p.at_bound and p.value and p.start and not 1 / FAR < abs(p.value / p.start) < FAR
+            if p.at_bound and p.value and p.start and not 1 / MAX_RATIO < abs(p.value / p.start) < MAX_RATIO
         ]
 
     def _next(self, unknown: Sequence[str], written: str) -> str:

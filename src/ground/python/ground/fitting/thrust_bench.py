@@ -14,11 +14,11 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 from scipy import optimize, stats
 
+from ground.analysis.distributions import LEVEL
 from ground.fitting.bench_forces import OFF, Bench
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
-LEVEL = 0.01  # probability of rejecting equal gains that are right
 STRONG = 6.0  # difference of the information criterion that is strong evidence (Kass and Raftery 1995)
 ROUNDS = 8  # fits of curve and gains, in turn
 BATCHES = 5  # of repetitions in a row, whose drift is common

@@ -20,7 +20,7 @@ from ground.support.origin import digest
 CHANCE = 0.02  # of any false change, or any false odd craft, in all parameters and crafts of a type
 TESTS = 2  # for each parameter and craft: does it drift, does it jump
 THRUST = ("k", "thruster_gain_")  # begins of the names of thrusts, which age first: they get half of CHANCE
-FAR = 3.0  # an odd craft is this many times as far off as the others are apart
+MIN_ODD_RATIO = 3.0  # an odd craft is this many times as far off as the others are apart
 Ends = List[Optional[float]]  # low and high of a 95% interval; None: beyond all values
 
 
@@ -152,6 +152,6 @@ def _odd(levels: Levels, tolerance: float) -> List[Odd]:
             difference = levels.mean[craft, i] - np.median(levels.mean[others, i])
             doubt = np.sqrt(variance[craft] + variance[others].mean())
             apart = np.ptp(levels.mean[others, i])
-            if abs(difference) - tolerance > limit * doubt and abs(difference) > FAR * apart:
+            if abs(difference) - tolerance > limit * doubt and abs(difference) > MIN_ODD_RATIO * apart:
                 found.append(Odd(craft, i, float(difference), crafts == 2))
     return found

@@ -17,8 +17,8 @@ from scipy import linalg
 from ground.support.annotations import Array, Indices, Random
 
 GRID = (0.0, 0.12, 0.25, 0.4, 0.55, 0.75, 1.0, 1.4)  # scatters that are tried, in deviations of the values
-FEWEST = 3  # runs on each side of a step
-MOST = 5  # changes of one parameter
+MIN_RUNS = 3  # runs on each side of a step
+MAX_CHANGES = 5  # changes of one parameter
 SIMULATED = 800  # histories without a change
 TAIL = 0.1  # share of them that the tail is fitted to
 WORTH = 7.0  # least ratio (twice the logarithm) that is worth simulating
@@ -43,10 +43,10 @@ class Series:
 
     @property
     def base(self) -> Array:
-        """The regressors (n, 1 or 2) without a change: the mean and, with FEWEST days of several runs, the
+        """The regressors (n, 1 or 2) without a change: the mean and, with MIN_RUNS days of several runs, the
         number of the run on its day, because a battery fades and is charged again."""
         within = np.array([np.sum(self.day[:i] == day) for i, day in enumerate(self.day)], float)
-        if np.sum(np.bincount(self.day) > 1) < FEWEST:
+        if np.sum(np.bincount(self.day) > 1) < MIN_RUNS:
             return np.ones((self.count, 1))
         return np.column_stack([np.ones(self.count), within - within.mean()])
 
@@ -98,14 +98,14 @@ def smoothed(series: Series) -> Series:
 
 
 def find(given: Series, level: float, seed: int = 1) -> List[ParameterChange]:
-    """The changes with a chance below `level`, in the order of the runs; less than 2 FEWEST have none."""
-    if given.count < 2 * FEWEST:
+    """The changes with a chance below `level`, in the order of the runs; less than 2 MIN_RUNS have none."""
+    if given.count < 2 * MIN_RUNS:
         return []
     series, random = smoothed(given), np.random.default_rng(seed)
     line = np.linspace(-0.5, 0.5, series.count)[:, None]
     base = series.base
     found: List[_Found] = []
-    while len(found) < MOST:
+    while len(found) < MAX_CHANGES:
         steps = _steps(series.count, [at for kind, at, _ in found if kind == JUMP])
         tried = [(JUMP, _columns(series.count, steps), steps)] if len(steps) else []
         if all(kind != DRIFT for kind, _, _ in found):
@@ -140,9 +140,9 @@ def _best(
 
 
 def _steps(count: int, others: Sequence[int]) -> Indices:
-    """First runs after a possible step, FEWEST from the ends and from other steps."""
+    """First runs after a possible step, MIN_RUNS from the ends and from other steps."""
     edges = [0, *others, count]
-    return np.array([at for at in range(count) if all(abs(at - e) >= FEWEST for e in edges)], int)
+    return np.array([at for at in range(count) if all(abs(at - e) >= MIN_RUNS for e in edges)], int)
 
 
 def _columns(count: int, steps: Indices) -> Array:

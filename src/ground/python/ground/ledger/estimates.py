@@ -28,7 +28,7 @@ from ground.support.origin import digest, digest_of_files
 ASYMMETRY, LAGS = "thrust_asymmetry", ("motor_lag", "input_delay")  # effects that a craft may get with age
 TRIMS = ("trim_X", "trim_Y", "trim_N")  # what differs between runs and is no parameter
 OFFSET, OFFSET_EFFECT = "offset", "heading_offset"  # a suspicion, and the effect that it may be
-MOST = 60.0  # of longer runs this much is used [s]
+MAX_SECONDS = 60.0  # of longer runs this much is used [s]
 KEPT = 6  # version of what the cache has
 _T = TypeVar("_T")
 
@@ -150,7 +150,7 @@ def _computed(task: EstimateTask, content: str) -> RecordedRun:
                 raise GroundError("%s; --as-recorded uses it as it is" % one.sentence)
         run = quality.repaired(recording)
         start = run.spans[0][0] if run.spans else 0.0
-        used = run.data(model.core, end=start + MOST)
+        used = run.data(model.core, end=start + MAX_SECONDS)
         return replace(recorded, estimate=estimate(used, model.core, task.free))
     except GroundError as error:
         return RecordedRun(content, failed=sentence(error))

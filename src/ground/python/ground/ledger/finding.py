@@ -7,10 +7,10 @@ from datetime import datetime
 from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
 from ground.reading import recorded_files
+from ground.reading.instants import CENTURY
 from ground.reading.mapping import FieldMapping
 from ground.support.errors import GroundError, OptionError
 
-EARLIEST = 946684800.0  # 2000-01-01, before which a stamp is no date [s]
 DATE = re.compile(
     r"(?<!\d)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)"
     r"(?:[-_T. ]?([01]\d|2[0-3])[-_.:h]?(\d\d)(?:[-_.:m]?(\d\d))?)?(?!\d)"
@@ -74,7 +74,7 @@ def _recordings(folder: str, mapping: FieldMapping) -> Iterator[str]:
 def recorded_at(place: Place, first_stamp: float) -> Tuple[datetime, str]:
     """When a run was recorded, local time, and where that is from: the stamps of its messages, the last date
     in its path, or, where there is none, the time at which its file was changed."""
-    if first_stamp >= EARLIEST:
+    if first_stamp >= CENTURY:
         return datetime.fromtimestamp(first_stamp), STAMPS
     for date in reversed(list(DATE.finditer(place.below))):
         numbers = [int(part or 0) for part in date.groups()]

@@ -15,7 +15,7 @@ from scipy import optimize
 
 from ground.support.annotations import Array, Indices
 
-LEAST, MOST = 1e-10, 1e2  # of variances, in squares of the parameters' scale
+MIN_VARIANCE, MAX_VARIANCE = 1e-10, 1e2  # of variances, in squares of the parameters' scale
 RIDGE = 1e-8  # information about means that no run tells anything of
 WORTH = 1e-3  # gain of log-likelihood below which the search ends
 
@@ -60,7 +60,7 @@ def fit(runs: Runs) -> Levels:
         loss,
         start,
         method="L-BFGS-B",
-        bounds=[(np.log(LEAST), np.log(MOST))] * len(start),
+        bounds=[(np.log(MIN_VARIANCE), np.log(MAX_VARIANCE))] * len(start),
         options={"ftol": WORTH / (1 + abs(loss(start))), "maxiter": 40},
     )
     run, day = _variances(found.x, p)
@@ -71,7 +71,7 @@ def fit(runs: Runs) -> Levels:
 def _variances(logs: Array, p: int) -> Tuple[Array, Array]:
     """Variances of runs and days; those at the bound are zero."""
     values = np.exp(np.append(logs, np.full(2 * p - len(logs), -np.inf)))
-    values[values < 2 * LEAST] = 0.0
+    values[values < 2 * MIN_VARIANCE] = 0.0
     return values[:p], values[p:]
 
 

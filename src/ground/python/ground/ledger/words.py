@@ -4,7 +4,7 @@ import shlex
 from datetime import date
 from typing import Iterator, List, Optional, Sequence
 
-from ground.ledger.changes import FEWEST, JUMP
+from ground.ledger.changes import JUMP, MIN_RUNS
 from ground.ledger.contents import CraftFinding, FollowedParameter, FoundChange, HistoryContents, LevelValue
 from ground.ledger.verdicts import SavedVerdict
 from ground.reports.words import listed
@@ -40,7 +40,7 @@ def lines(found: HistoryContents, page: str = "") -> List[Line]:
 
 
 def _changed(found: HistoryContents) -> Iterator[str]:
-    least = 2 * FEWEST
+    least = 2 * MIN_RUNS
     if all(craft.runs < least for craft in found.crafts):
         yield "cannot be said - that takes %d runs of a craft." % least
     elif not found.changes:

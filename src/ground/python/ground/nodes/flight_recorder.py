@@ -15,8 +15,7 @@ import rospy
 
 from ground.support.errors import GroundError
 
-BEGIN = 20.0  # timeout until the recorder listens [s]
-END = 20.0  # timeout until the bag is closed [s]
+TIMEOUT = 20.0  # until the recorder listens, and until the bag is closed [s]
 TAIL = 0.3  # time recorded after the end of a flight [s]
 LISTENED = ("controls", "sent", "state", "drive")  # topics that the recorder must listen to before a flight
 
@@ -44,7 +43,7 @@ class FlightRecorder:
             raise
 
     def _wait_until_it_listens(self) -> None:
-        deadline = time.monotonic() + BEGIN
+        deadline = time.monotonic() + TIMEOUT
         node = rospy.resolve_name("record_" + self._name.replace("-", "_"))
         wanted = {rospy.resolve_name(topic) for topic in LISTENED}
         while not (self._writes() and wanted <= set(_heard_by(node))):
@@ -56,7 +55,7 @@ class FlightRecorder:
             if time.monotonic() > deadline:
                 raise GroundError(
                     "the recorder of the flight does not begin within %g s: does the mocap publish "
-                    "poses, and are there 200 MB free in %s?" % (BEGIN, os.path.dirname(self.path))
+                    "poses, and are there 200 MB free in %s?" % (TIMEOUT, os.path.dirname(self.path))
                 )
             time.sleep(0.05)
 
@@ -76,7 +75,7 @@ class FlightRecorder:
             time.sleep(TAIL)
             self._process.send_signal(signal.SIGINT)
             try:
-                self._process.wait(END)
+                self._process.wait(TIMEOUT)
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()

@@ -21,17 +21,16 @@ from ground.discovery.laboratory import Landed, lifted
 from ground.discovery.story import GIVEN, Flight, Point
 from ground.nodes import live_parameters
 from ground.nodes.flight_recorder import FlightRecorder
+from ground.nodes.stop_trial import ANSWER, AT_REST
 from ground.reading import readers
 from ground.support import files
 from ground.support.annotations import Array, Message, Say
 from ground.support.errors import GroundError
 
 START = 60.0  # timeout of the start of nodes [s]
-ANSWER = 10.0  # timeout of a node's service [s]
 SILENCE = 10.0  # silence of a node after which the discovery ends [s]
 LATE = 1.2  # age of the start of a controller beyond which all its statuses are of this flight [s]
 LOOK = 0.02  # period at which statuses are looked at [s]
-AT_REST = 0.1  # largest speed of a craft at rest [m/s]
 SPARE = 10.0  # time after its end at which a controller that goes on is stopped [s]
 BY_HAND = "stopped by hand"  # reason of a controller that was stopped by its service
 TAKEN_OVER = "has taken over"  # end of the reason of a controller that another one replaced

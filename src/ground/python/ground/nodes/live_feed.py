@@ -11,7 +11,7 @@ from ground_msgs import msg
 
 from ground.support.annotations import Array, Message
 
-JUMP = 0.5  # jump back in time that clears the samples, more than disorder of messages [s]
+JUMP = 0.5  # jump back in time that clears what is drawn, more than disorder of messages [s]
 GAP = 0.3  # longest gap between samples across which a line is drawn [s]
 _PREDICTED = ["nu[0]", "nu[1]", "nu[2]", "position_error", "heading_error", "position_noise", "heading_noise"]
 _PREDICTED += ["%s[%d]" % (name, i) for name in ("wrench", "wrench_noise") for i in range(3)]

@@ -11,6 +11,7 @@ from ground_msgs import msg
 
 from ground.exporting.view import View
 from ground.models import Model, Room
+from ground.nodes import live_feed
 from ground.support.annotations import Message
 from ground.support.errors import GroundError
 
@@ -18,7 +19,7 @@ PERIOD = 0.066  # between looks at new messages, and so between pictures that a 
 # A subscription that has waited for a message rests, so that the next ones come together: waking up costs
 # most.
 WAITED, REST, REST_OF_STATE = 0.001, 0.15, 0.055  # [s]
-JUMP = 500_000_000  # jump back in time that clears what is drawn, more than disorder of messages [ns]
+JUMP = int(live_feed.JUMP * 1e9)  # [ns]
 NICE = 5  # niceness: the nodes that fly come first
 PARAMETERS = {"model": "visualizer/model", "room": "visualizer/room"}  # files that the launch names
 LEVELS = {  # of the log, by the name of a state

@@ -23,7 +23,7 @@ from ground.support.errors import GroundError
 
 DRIVE = "prove_stop_drive"  # the nodelet that gives the push
 ANSWER = 10.0  # timeout of a node [s]
-AT_REST = 0.1  # largest speed at which a trial may begin [m/s]
+AT_REST = 0.1  # largest speed of a craft at rest [m/s]
 TAIL = own_stop.AFTER + 0.2  # time recorded after the silence [s]
 AFTER_SILENCE = "disarmed after the silence"
 

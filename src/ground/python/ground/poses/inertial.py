@@ -17,7 +17,6 @@ from ground.support.annotations import Array, Flags
 if TYPE_CHECKING:
     from ground.poses import repair
 
-GRAVITY = 9.80665  # [m/s^2]
 GRID = 0.005  # step of the signals that are compared [s]
 BAND = 0.04  # standard deviation of the weights that both are smoothed with [s]
 DRIFT = 2.0  # the same for a bias that drifts [s]
@@ -28,7 +27,7 @@ MIN_TURN, MIN_PUSH = 0.1, 0.05  # least motion that calibrates: rms yaw rate [ra
 MIN_SHARE = {"gyro": 0.9, "accelerometer": 0.6}  # least share of the poses' signal that it explains
 UNKNOWN = 1e3  # noise of a sensor that is not used, far above all motion
 LIKE_NOISE = 3.0  # a misfit counts as noise above this multiple of what noise leaves
-FAR = 0.5  # largest plausible distance of a sensor from the markers [m]
+MAX_DISTANCE = 0.5  # largest plausible distance of a sensor from the markers [m]
 
 Span = Tuple[float, float]  # start, end [s]
 
@@ -95,7 +94,7 @@ def calibrate(samples: InertialSamples, motion: "repair.Motion", contacts: Seque
     found = _pushes(compared, pushed, delay)
     values, place, size, mounting = np.zeros_like(pushed), np.zeros(2), 1.0, 0.0
     why = _unfit("accelerometer", found.share, compared.push, MIN_PUSH)
-    if not why and np.hypot(*found.place) > FAR:
+    if not why and np.hypot(*found.place) > MAX_DISTANCE:
         why = "the accelerometer would be %.2g m from the markers" % np.hypot(*found.place)
     if why:
         problems.append(why)

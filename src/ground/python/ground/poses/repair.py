@@ -23,10 +23,10 @@ MIN_WAY = 20.0  # shortest way along which a burst is sorted [standard deviation
 MIN_GAIN = 50.0  # least fall of the roughness for a new order
 MAX_RATIO = 0.5  # largest roughness of a new order, relative to the old one
 GATE = 8.0  # poses further off than this many standard deviations are spikes
-FEWEST_POSES = 10  # of a recording
+MIN_POSES = 10  # of a recording; intervals between poses in a window
 BESIDE = 6  # poses before and after one that it is compared with
 ODD = 10.0  # least distance of an outlier from its neighbours' motion [usual distances around]
-MOST = 2.0  # largest velocity [largest one of the sound stretches]
+MAX_SPEED_RATIO = 2.0  # largest velocity [largest one of the sound stretches]
 
 
 @dataclass
@@ -76,7 +76,7 @@ def repair(
     times, eta = times[order], measured[order].copy()
     keep = _distinct(times, eta, repairs)
     times, eta = times[keep], eta[keep]
-    if len(times) < FEWEST_POSES:
+    if len(times) < MIN_POSES:
         raise GroundError("%s: only %d distinct poses" % (name, len(times)))
     rough = scatter.in_order(np.column_stack([eta[:, :2], np.unwrap(eta[:, 2])]))
     eta, repairs["poses that overtook each other put in order"] = _in_order(times, eta, rough)
@@ -99,7 +99,7 @@ def repair(
     noise = noise or found
     smoothed = smooth(times, eta, noise, scales, GATE * excess, speeds)
     used = np.asarray(smoothed["used"], bool) & ~_too_fast(smoothed["nu"], speeds)
-    if used.sum() < FEWEST_POSES:
+    if used.sum() < MIN_POSES:
         raise GroundError("%s: only %d poses follow a motion of the craft" % (name, used.sum()))
     spikes = np.sort(np.append(spikes, times[~used]))
     jumps = (np.asarray(smoothed["starts"], bool) & (np.diff(times, prepend=-np.inf) <= max_gap))[used]
@@ -128,7 +128,7 @@ def smooth(
     params.linear_jerk, params.angular_jerk = scales.linear_jerk, scales.angular_jerk
     params.gate, params.max_gap = gate, scales.max_gap
     if speeds is not None:
-        (params.linear_speed, params.angular_speed), params.most = speeds, MOST
+        (params.linear_speed, params.angular_speed), params.most = speeds, MAX_SPEED_RATIO
     found: Dict[str, Array] = _core.smooth(times, eta, params)
     return found
 
@@ -175,7 +175,7 @@ def _too_fast(nu: Array, speeds: scatter.Levels) -> Flags:
     """Which of the velocities nu (n, 3) are beside one that the sound stretches, with these largest speeds,
     rule out."""
     size = np.column_stack([np.hypot(nu[:, 0], nu[:, 1]), np.abs(nu[:, 2])])
-    beyond = (size > MOST * np.sqrt([2, 1]) * speeds).any(axis=1)
+    beyond = (size > MAX_SPEED_RATIO * np.sqrt([2, 1]) * speeds).any(axis=1)
     return np.asarray(scatter.around(beyond, BESIDE).any(axis=1))
 
 

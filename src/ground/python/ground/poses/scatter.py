@@ -26,7 +26,7 @@ WOBBLE = 1.3  # ... where poses are off by so many times their noise from frame 
 MOSTLY = 0.5  # least share of evenly spaced poses for third differences
 ROUNDED = np.array([1.0, 2.0, 5.0, 10.0])  # jerks are these times a power of ten
 FACTOR, PRECISE = 10.0, 1.02  # first and last steps of the search for the likeliest levels
-FEWEST = 50  # poses from which levels are estimated
+MIN_POSES = 50  # poses from which levels are estimated
 
 
 def interval(times: Array) -> float:
@@ -83,7 +83,7 @@ def resolution(values: Array) -> Array:
 def _quantum(steps: Array) -> float:
     """The rounding of which steps (n,) are multiples; 0 without one."""
     least = float(np.quantile(steps, 0.01))
-    multiples = steps[: 20 * FEWEST] / least
+    multiples = steps[: 20 * MIN_POSES] / least
     return least if np.median(np.abs(multiples - np.round(multiples))) < 0.02 else 0.0
 
 
@@ -101,7 +101,7 @@ def third_differences(times: Array, poses: Array) -> Optional[Array]:
     evenly spaced: the standard deviations of x, y and heading if little happens within an interval. None
     where few are."""
     even = _even(times)
-    if even.sum() < FEWEST or even.mean() < MOSTLY:
+    if even.sum() < MIN_POSES or even.mean() < MOSTLY:
         return None
     third = np.abs(np.diff(poses, 3, axis=0)[even])
     return np.asarray(1.4826 * np.median(third, axis=0) / np.sqrt(20))
@@ -139,7 +139,7 @@ def levels(times: Array, poses: Array, max_gap: float, speeds: Levels) -> Tuple[
             wobble, noise = noise / own, own
             excess = max(excess, wobble)
         width = next((width for width in WIDTHS if motion(width) < LARGE), 1)
-        if wobble > WOBBLE and width > 1 and len(some) > FEWEST * width:
+        if wobble > WOBBLE and width > 1 and len(some) > MIN_POSES * width:
             medians = _medians(times[some], samples, width)
             jerk = _likeliest(*medians, width * max_gap, own / np.sqrt(width), 0.1 * finest, speed)[1]
         found.append((noise, _rounded(jerk)))

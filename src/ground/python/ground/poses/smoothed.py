@@ -20,7 +20,7 @@ Averaged = Callable[[Array, Array, float], Array]  # see Recording.averaged
 
 SLOWEST = 0.003  # tried corner ...
 CORNERS = np.geomspace(SLOWEST, 0.3, 30)  # ... and all [rate of the poses]
-FEWEST, MOST, ROWS = 200, 20000, 2000  # poses, and those that are regressed
+MIN_POSES, MAX_POSES, ROWS = 200, 20000, 2000  # poses, and those that are regressed
 BINS, FIRST = 40, 3  # of a spectrum, and the first harmonic in it
 MISFIT = 0.25  # relative error of a usual spectrum
 ROUNDS = 60  # of the search for the levels of a spectrum
@@ -41,7 +41,7 @@ class _Commands:
 
     def __init__(self, thrust: Array, averaged: Averaged, motion: Motion) -> None:
         usual = scatter.interval(motion.times)
-        inside = np.flatnonzero(kinematics.middle(motion))[:MOST]
+        inside = np.flatnonzero(kinematics.middle(motion))[:MAX_POSES]
         inside = inside[:: 1 + len(inside) // ROWS]
         grid = np.arange(motion.times[0], motion.times[inside[-1]] + usual, usual)
         self._at = np.searchsorted(grid, motion.times[inside] - 0.5 * usual)
@@ -230,5 +230,5 @@ def shared(
 
 def _is_silent(spectrum: _Spectrum, thrust: Array, motion: Motion) -> bool:
     """Whether poses or commands are too few to tell a low-pass."""
-    few = spectrum.is_empty or int(kinematics.middle(motion).sum()) < FEWEST
+    few = spectrum.is_empty or int(kinematics.middle(motion).sum()) < MIN_POSES
     return few or not bool((thrust[1:] != thrust[:-1]).any())

@@ -21,7 +21,7 @@ NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][-+]?\d+)?"
 LIST = re.compile(r"[\[({].*[\])}]|%s(?:[ ;|]+%s)+" % (NUMBER, NUMBER))
 WITH_UNIT = r"(%s)\s*([A-Za-zµ°%%]+(?:/[A-Za-z]+)?)" % NUMBER
 MOST_WRONG = 0.1  # share of cells that are no numbers in a column of numbers
-FAR = 20.0  # a mark of a missing value is further from the others than so many of their ranges
+MIN_APART = 20.0  # a mark of a missing value is further from the others than so many of their ranges
 # Numbers that loggers write for a missing value, and their opposites
 MARKS = (999, 9999, 99999, 999999, 999.25, 2**15 - 1, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 1e30)
 
@@ -139,7 +139,9 @@ def _without_marks(name: str, values: "pandas.Series", notes: List[str]) -> "pan
         if marked.all():
             continue
         others = numbers[~marked & np.isfinite(numbers)]
-        if not len(others) or np.abs(others - mark).min() <= FAR * max(np.ptp(others), np.abs(others).max()):
+        if not len(others) or np.abs(others - mark).min() <= MIN_APART * max(
+            np.ptp(others), np.abs(others).max()
+        ):
             continue
         notes.append(
             "%d values of column %s are %g, which stands for a missing value, and are left out"

@@ -18,11 +18,11 @@ NUMBERS = {
 TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 Node = Tuple[int, Any]  #: type of a field in rosbags: base (1), named (2), array (3), sequence (4)
 Types = Dict[str, Tuple[object, Sequence[Tuple[str, Node]]]]  #: fields of types by name
-LONGEST = 256  # elements of an array of numbers that have columns
+MAX_ELEMENTS = 256  # elements of an array of numbers that have columns
 MOST_FIELDS = 10000  # fields of a message; more are taken for damage
 MOST_LAYOUTS = 64  # tried on all messages of a topic; further messages are laid out one by one
 # Sizes of numbers that measurements have; of bytes that are no floating-point numbers, few are in between.
-LEAST, MOST = 1e-30, 1e30
+MIN_MAGNITUDE, MAX_MAGNITUDE = 1e-30, 1e30
 RARE = 0.01  # share of values that may be odd
 
 
@@ -100,7 +100,7 @@ class Layouts:
         else:
             inner, fixed = of
             count = fixed if node == 3 else self._length()
-            if int(inner[0]) == 1 and inner[1][0] in NUMBERS and count > LONGEST:
+            if int(inner[0]) == 1 and inner[1][0] in NUMBERS and count > MAX_ELEMENTS:
                 form = NUMBERS[inner[1][0]]
                 self._number(path, form)
                 self._numbers.pop()
@@ -165,7 +165,7 @@ def _odd(values: Column, is_flag: bool) -> Flags:
         return np.asarray(values > 1)
     if values.dtype.kind == "f":
         size = np.abs(values)
-        return np.asarray(np.isfinite(size) & (size > 0) & ((size < LEAST) | (size > MOST)))
+        return np.asarray(np.isfinite(size) & (size > 0) & ((size < MIN_MAGNITUDE) | (size > MAX_MAGNITUDE)))
     if values.dtype.itemsize == 1:
         return np.zeros(len(values), bool)
     parts = np.ascontiguousarray(values).view(np.uint8).reshape(len(values), -1)

@@ -15,7 +15,8 @@ from ground.support.errors import GroundError
 if TYPE_CHECKING:
     import pandas
 
-EARLIEST, LATEST = 9 * 10**17, 2**32 * 10**9  # of this century; seconds of ROS have 32 bits [ns]
+END_OF_ROS = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
+CENTURY = 946684800.0  # 2000-01-01; an earlier stamp is not a date [s]
 DAY = 86400 * 10**9  # [ns]
 RESTART = 5 * 10**8  # a clock that goes back by more starts anew [ns]
 MANY_LOST = 3  # rows for each stamp from which the stamps have lost digits
@@ -120,7 +121,7 @@ def _of_numbers(
         numbers = np.asarray(values, float)
         finite = np.isfinite(numbers)
         known &= finite
-        far = finite & ((numbers < 0) | (numbers * factor >= LATEST))
+        far = finite & ((numbers < 0) | (numbers * factor >= END_OF_ROS))
         if far.any() and clock.rate == 0 and (numbers[far] >= 0).any():
             other = since_1970(numbers[far][0])
             raise GroundError(
@@ -156,7 +157,7 @@ def _unwrapped(counts: Indices, notes: List[str]) -> Indices:
 def since_1970(value: float) -> str:
     """The unit in which a number is a time of this century; empty: in none."""
     units = ("s", "ms", "us", "ns")
-    return next((unit for unit in units if EARLIEST < value * TIMES[unit] < LATEST), "")
+    return next((unit for unit in units if 1e9 * CENTURY < value * TIMES[unit] < END_OF_ROS), "")
 
 
 def _unpadded(texts: Column, where: str) -> Tuple[Indices, Flags]:

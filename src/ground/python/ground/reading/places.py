@@ -10,7 +10,7 @@ from ground.reading.mapping import FURTHER_LENGTHS, GEODETIC, LENGTHS, Poses
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
-FAR = 1e4  # coordinates whose median is larger count from the first pose [m]
+MAX_COORDINATE = 1e4  # coordinates whose median is larger count from the first pose [m]
 RADIUS, FLATTENING = 6378137.0, 1 / 298.257223563  # WGS 84 [m], [-]
 STILL = 1e-3  # positions that change by less than this share of themselves may be degrees
 
@@ -99,9 +99,9 @@ def subtract_origin(rows: Array, notes: List[str]) -> None:
     if not valid.any():
         return
     middle = np.median(rows[valid, :2], axis=0)
-    if np.abs(middle).max() <= FAR:
+    if np.abs(middle).max() <= MAX_COORDINATE:
         return
-    near = valid & (np.abs(rows[:, :2] - middle) < FAR).all(axis=1)
+    near = valid & (np.abs(rows[:, :2] - middle) < MAX_COORDINATE).all(axis=1)
     origin = rows[near][0, :2].copy() if near.any() else middle
     rows[:, :2] -= origin
     notes.append(

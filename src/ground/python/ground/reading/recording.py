@@ -46,7 +46,6 @@ _T = TypeVar("_T")
 
 OVERSHOOT = 0.2  # share of its range by which a command may exceed it, and is clipped
 JUMP_BACK = 0.5  # largest lateness of a message [s]
-FEWEST = 10  # poses of a part of a run
 SAME_INSTANT = 1e-5  # instants differ by less after rounding [s]
 POSE = ("x", "y", "psi")
 VELOCITY = ("u", "v", "r")
@@ -218,7 +217,7 @@ class Recording(Plotted):
         zero = max(self.motion.times[0], self.control_times[0])
         times = repair.on_commands_clock(self.pose_times, self.clock_offset) - zero
         keep = np.all([(times < start) | (times > end) for start, end in spans], axis=0) | (not spans)
-        if keep.sum() < FEWEST:
+        if keep.sum() < repair.MIN_POSES:
             raise GroundError("%s: %d poses are left of it" % (self.name, keep.sum()))
         return replace(self, pose_times=self.pose_times[keep], eta=self.eta[keep], digest="")
 

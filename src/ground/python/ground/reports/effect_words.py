@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Callable, Dict, Iterable, Mapping, NamedTuple, Sequence, Tuple, Union
 
 from ground.effect_library import candidates
+from ground.effect_library.parameters import FittedParameter
 from ground.reports.words import listed, two_digits
-from ground.support.annotations import Document
 
 
 class Estimate(NamedTuple):
@@ -265,12 +265,11 @@ def sentence(effect: str, estimates: Mapping[str, Estimate]) -> str:
     return (words.lead + listed(told)).replace("THRUSTER", effect[len(kind) + 1 :]) if told else ""
 
 
-def of_fit(effect: str, rows: Iterable[Document]) -> str:
-    """The sentence of an effect with the parameters of a fit: dictionaries with the keys name (EFFECT.NAME),
-    value, ci95, unit and identified."""
+def of_fit(effect: str, rows: Iterable[FittedParameter]) -> str:
+    """The sentence of an effect with the parameters of a fit."""
     own = {}
     for p in rows:
-        its, _, name = str(p["name"]).partition(".")
+        its, _, name = p["name"].partition(".")
         if its == effect:
             own[name] = Estimate.of(p["value"], p["ci95"], p["unit"], p["identified"])
     return sentence(effect, own)

@@ -18,7 +18,7 @@ START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # time recorded at rest, before the lift is on [s]
 WITH_RETURNS = 4  # longest experiment with bursts and returns, in lengths of the inputs
 TAIL = 0.5  # time recorded after the thrusters are off [s]
-LONGEST = 3600.0  # longest input [s]
+MAX_DURATION = 3600.0  # longest input [s]
 
 
 @dataclass

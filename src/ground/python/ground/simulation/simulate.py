@@ -105,7 +105,7 @@ class _Options(Acting, Mocap):
     duration: Optional[float] = option(
         None,
         "duration of the input [s] (%g, or the duration of the rows in FILE.csv)" % DURATION,
-        range=(0.1, experiments.LONGEST),
+        range=(0.1, experiments.MAX_DURATION),
         metavar="S",
     )
     lift: Optional[float] = option(None, "input of the lift fan, 0..1 (1)", range=(0.0, 1.0), metavar="LIFT")
@@ -150,7 +150,7 @@ class _Options(Acting, Mocap):
     )
     burst: Optional[float] = _input(
         "with --room, longest burst [s] (%g)" % _core.ReturnParams().burst,
-        range=(0.1, experiments.LONGEST),
+        range=(0.1, experiments.MAX_DURATION),
         metavar="S",
     )
     axes: str = option(AXES, "world_ned x, y, z in the mocap's axes (%(default)s)", group="motion capture")
