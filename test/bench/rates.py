@@ -143,7 +143,7 @@ def between(random):
     """Values of runs, whose variances differ by a factor of up to 4."""
     own = 2 ** random.uniform(-1, 1, (5, 4))
     chances = [between_runs.chance(np.sqrt(v) * random.normal(size=4), v) for v in own]
-    yield "same", [5 * min(chances) < between_runs.LEVEL]
+    yield "same", [5 * min(chances) < distributions.LEVEL]
     for name, runs, apart in (("equal", 5, 0), ("alike", 5, 1), ("apart", 5, 3), ("of two", 2, 3)):
         own = 2 ** random.uniform(-1, 1, runs)
         steps = np.sqrt(own + apart**2) * random.normal(size=runs)
