@@ -77,7 +77,7 @@ class Feature:
     def simpler(self) -> List["Feature"]:
         """The features of the screen without one of the factors, or with the variable of a wave in its
         place."""
-        if self.family:
+        if self.family or not self.factors:
             return []
         fewer = [[factor] for factor in self.factors] if len(self.factors) > 1 else [[]]
         for i, factor in enumerate(self.factors):

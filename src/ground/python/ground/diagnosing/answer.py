@@ -154,7 +154,7 @@ def _rest_matters(report: DiagnosisReport) -> bool:
     found, least = report.prediction, report.matters
     if found is None or least is None:
         return False
-    if report.agreement.holds and found.disturbed and not is_pushed(found):
+    if report.agreement.holds and not report.varies and found.disturbed and not is_pushed(found):
         return False  # the likelihood of the same poses sees no push
     error, mocap = found.errors["improved"], found.mocap
     return (
