@@ -329,7 +329,7 @@ class Fit(Shown, Plotted, Estimated):
         yield "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval")
         for p in self.parameters.values():
             unit = p.unit if p.identified else ""
-            yield "%-18s %12.4g %12.4g   %s %s" % (p.name, p.start, p.value, p.interval, unit)
+            yield "%-18s %12.4g %12s   %s %s" % (p.name, p.start, p.number, p.interval, unit)
         yield from self.remarks
 
     def details(self) -> Iterator[str]:

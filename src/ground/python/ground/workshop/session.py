@@ -1,11 +1,13 @@
 """What a person has done on the workbench: a tree of models, roles of runs, and what is known of them."""
 
+import math
 import threading
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ground import Effect, Model, Predictor, Recording, Room
 from ground.checks import findings, quality
+from ground.support import quantities
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 from ground.support.event_file import EventFile
@@ -201,17 +203,27 @@ class Session:
         was fitted."""
         ready, model = self.predictor(*ticked), Model.parse(node.model)
         off = asdict(ready.error(model))
-        before = self.nodes.get(node.parent)  # other values hardly change the floor
         return replace(
             node,
             seconds=ready.horizon,
             as_is=off,
             error=after or off,
             by="cross-validated" if after else "as it is",
-            floor=node.floor or (before.floor if before else asdict(ready.noise(model))),
+            floor=(node.floor if after else None) or self._floor(ticked) or asdict(ready.noise(model)),
             runs=ticked[0],
             cuts=ticked[1],
         )
+
+    def _floor(self, ticked: Ticked) -> Optional[work.Errors]:
+        """What the noise of poses leaves on some runs, by the best model that was judged on them."""
+        judged = [n for n in self.nodes.values() if (n.runs, n.cuts) == ticked]
+        best = min(judged, key=lambda n: (n.error or {}).get("position_mm") or math.inf, default=None)
+        return best.floor if best else None
+
+    def beside_mocap(self, error: work.Errors) -> Dict[str, object]:
+        """What the mocap alone leaves on what is ticked, and what is said of it beside an error."""
+        floor = self._floor(self.ticked()) or self._now()["floor"]
+        return {"floor": floor, "mocap": quantities.beside_mocap(error.values(), floor.values())}
 
     def ticked(self) -> Ticked:
         """What is ticked now."""
@@ -233,13 +245,13 @@ class Session:
     def state(self) -> Dict[str, object]:
         """All that a page shows."""
         with self.lock:
-            model = self.model_of(self.current)
+            model, now = self.model_of(self.current), self._now()
             return {
                 "version": self.version,
                 "runs": [self._run(recording) for recording in self.recordings],
                 "nodes": [_without(node.entry(), "model") for node in self.nodes.values()],
                 "current": self.current,
-                "now": self._now(),
+                "now": {**now, **self.beside_mocap(now.get("error") or self.nodes[self.current].error)},
                 "effects": list(model.effects),
                 "parameters": [
                     {
@@ -263,12 +275,11 @@ class Session:
         told = "%.1f of %.1f s usable, %.4g Hz, noise %.2g mm" % (
             d["usable"]["duration"], d["usable"]["of"], poses["rate"], 1e3 * poses["noise"]["position"],
         )  # fmt: skip
-        odd = list(findings.grave(d))
         return {
             "name": recording.name,
             "role": self.roles.get(recording.name, OFF),
             "quality": told,
-            "odd": odd,
+            "odd": list(findings.grave(d)),
             "end": d["usable"]["of"],
             "cuts": self.cuts.get(recording.name, []),
         }
