@@ -17,6 +17,7 @@ from ground.workshop import work
 SCHEMA = "ground/workbench/1"  # of the work file
 FIT, HELD_OUT, OFF = "fit", "held out", "off"  # roles of runs
 REFIT = ("parameters", "before", "floor", "helps", "reason", "remarks")  # of fits, that a node has
+PARAMETER = ("name", "unit", "doc", "lower", "upper")  # what a page shows of one
 Entry = Mapping[str, object]  # effect, as model files list it
 Ticked = Tuple[List[str], work.Cuts]  # the runs that are fitted, and the spans that are left out
 
@@ -105,7 +106,7 @@ class Session:
         self.formula: Entry = {}
         self.running: Dict[int, Job] = {}
         self.last: Dict[str, Mapping[str, object]] = {}  # by kind of job: no model, or why it failed
-        self._renewed: Tuple[str, Dict[str, object]] = ("", {})
+        self._renewed: Tuple[str, Dict[str, Any]] = ("", {})
         self.opened = 0  # how often held-out runs were seen
         self._ready: Dict[str, Predictor] = {}
         self._quality = {d["name"]: d for d in findings.describe([quality.repaired(r) for r in recordings])}
@@ -222,7 +223,8 @@ class Session:
 
     def beside_mocap(self, error: work.Errors) -> Dict[str, object]:
         """What the mocap alone leaves on what is ticked, and what is said of it beside an error."""
-        floor = self._floor(self.ticked()) or self._now()["floor"]
+        with self.lock:
+            floor = self._floor(self.ticked()) or self._now()["floor"]
         return {"floor": floor, "mocap": quantities.beside_mocap(error.values(), floor.values())}
 
     def ticked(self) -> Ticked:
@@ -230,7 +232,7 @@ class Session:
         names = self.names(FIT)
         return names, {name: self.cuts[name] for name in names if name in self.cuts}
 
-    def _now(self) -> Dict[str, object]:
+    def _now(self) -> Dict[str, Any]:
         """The error of the current model on what is ticked, where that has changed since; else nothing."""
         node, ticked = self.nodes[self.current], self.ticked()
         if (node.runs, node.cuts) == ticked:
@@ -251,13 +253,10 @@ class Session:
                 "runs": [self._run(recording) for recording in self.recordings],
                 "nodes": [_without(node.entry(), "model") for node in self.nodes.values()],
                 "current": self.current,
-                "now": {**now, **self.beside_mocap(now.get("error") or self.nodes[self.current].error)},
+                "now": {**now, **self.beside_mocap(now.get("error") or self.nodes[self.current].error or {})},
                 "effects": list(model.effects),
                 "parameters": [
-                    {
-                        "value": model[p["name"]],
-                        **{k: p[k] for k in ("name", "unit", "doc", "lower", "upper")},
-                    }
+                    {**{k: p[k] for k in PARAMETER}, "value": model[p["name"]]}
                     for p in model.core.parameters()
                 ],
                 "judge": self.judge,

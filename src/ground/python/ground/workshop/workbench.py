@@ -139,8 +139,7 @@ def actions(session: Session, folder: str, reading: Mapping[str, object]) -> Dic
 
     def error(of: Document) -> Dict[str, object]:
         model = session.varied(int(of["node"]), dict(of.get("values", {})))
-        ready = session.predictor(session.names(FIT))
-        found = asdict(ready.error(model))
+        found = asdict(session.predictor(session.names(FIT)).error(model))
         return {**found, **session.beside_mocap(found)}
 
     def done(act: Action) -> Action:
