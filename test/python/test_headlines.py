@@ -10,8 +10,10 @@ import pytest
 
 import ground
 from conftest import MODEL, identify, succeeds, with_effect, write_bag
+from ground.analysis.horizon import PoseError
 from ground.diagnosing import answer
-from ground.diagnosing.report import DiagnosisReport
+from ground.diagnosing.report import DiagnosisReport, ScreenedEffect
+from ground.reports.words import least
 from ground.support import records
 from ground.support.headline import formatted
 from ground.support.quantities import with_interval
@@ -247,6 +249,22 @@ def test_a_saved_diagnosis_may_have_a_value_that_is_infinite(report):
     tau.update(value=None, ci95=[1.0, None])
     told = "\n".join(words.evidence(typed(found)))
     assert re.search(r"tau inf s \(95%: 1\.0+ to inf s\)", told), told
+
+
+def test_an_effect_that_predicts_worse_is_not_called_certain():
+    def certain(error, p):
+        row = ScreenedEffect("input_delay", {}, p, p, -100.0, PoseError(error, error / 4), PoseError(87, 20))
+        return answer.tried(row, 27, {})["certain"]
+
+    assert "certain" in certain(18, 0.0) and "worse" not in certain(18, 0.0)
+    assert "predicts worse" in certain(172, 0.0) and "certain" not in certain(172, 0.0)
+    assert "27" in certain(18, 1.0) and "not significant" in certain(172, 1.0)
+
+
+@pytest.mark.parametrize("error, is_as_good", [((3.2, 0.74), True), ((4.0, 0.9), True), ((5.0, 0.7), False)])
+def test_an_error_within_the_scatter_of_the_mocap_is_said_to_be_as_good(error, is_as_good):
+    assert ("as well as the mocap" in least(PoseError(*error), PoseError(3.6, 0.81))) == is_as_good
+    assert "as well as the mocap" not in least(PoseError(np.inf, np.inf), PoseError(3.6, 0.81))
 
 
 def test_a_value_and_its_interval_have_the_same_decimals():
