@@ -45,7 +45,7 @@ def same_decimals(value: float, low: float, high: float, *others: float) -> List
         last = min(last, _exponent(value) - 1)
     numbers = (value, low, high, *others)
     first = _exponent(max(map(abs, filter(math.isfinite, numbers)), default=0.0))
-    power = first if first < -3 else 0
+    power = first if first < -4 else 0
     places, suffix = max(0, power - last), "e%03d" % power if power else ""
     return [
         "%.*f%s" % (places, round(number * 10.0**-power, places) + 0.0, suffix) if math.isfinite(number)
