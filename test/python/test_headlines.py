@@ -5,17 +5,24 @@ import json
 import re
 import shlex
 
+import numpy as np
 import pytest
 
 import ground
 from conftest import MODEL, identify, succeeds, with_effect, write_bag
+from ground.analysis.horizon import PoseError
 from ground.diagnosing import answer
-from ground.diagnosing.report import DiagnosisReport
+from ground.diagnosing.report import DiagnosisReport, ScreenedEffect
+from ground.reports.words import least
 from ground.support import records
 from ground.support.headline import formatted
+from ground.support.quantities import with_interval
 
 ERROR = r"(\d+(\.\d+)? (mm|m), \d+(\.\d+)? deg|not finite)"
-PREDICTION = r"Prediction after [\d.]+ s: +%s -> %s \(the mocap alone: %s" % (ERROR, ERROR, ERROR)
+PREDICTION = (
+    r"Prediction after [\d.]+ s: +%s -> %s \((?:the mocap alone|as well as the mocap measures): %s"
+    % (ERROR, ERROR, ERROR)
+)
 LABEL = r"^([A-Z][^:]{2,21}): +\S"
 
 
@@ -257,7 +264,38 @@ def test_a_saved_diagnosis_may_have_a_value_that_is_infinite(report):
     found = copy.deepcopy(report)
     tau = found["candidates"][0]["parameters"]["tau"]
     tau.update(value=None, ci95=[1.0, None])
-    assert "tau inf s (95%: 1.000 to inf s)" in "\n".join(words.evidence(typed(found)))
+    told = "\n".join(words.evidence(typed(found)))
+    assert re.search(r"tau inf s \(95%: 1\.0+ to inf s\)", told), told
+
+
+def test_an_effect_that_predicts_worse_is_not_called_certain():
+    def certain(error, p):
+        row = ScreenedEffect("input_delay", {}, p, p, -100.0, PoseError(error, error / 4), PoseError(87, 20))
+        return answer.tried(row, 27, {})["certain"]
+
+    assert "certain" in certain(18, 0.0) and "worse" not in certain(18, 0.0)
+    assert "predicts worse" in certain(172, 0.0) and "certain" not in certain(172, 0.0)
+    assert "27" in certain(18, 1.0) and "not significant" in certain(172, 1.0)
+
+
+@pytest.mark.parametrize("error, is_as_good", [((3.2, 0.74), True), ((4.0, 0.9), True), ((5.0, 0.7), False)])
+def test_an_error_within_the_scatter_of_the_mocap_is_said_to_be_as_good(error, is_as_good):
+    assert ("as well as the mocap" in least(PoseError(*error), PoseError(3.6, 0.81))) == is_as_good
+    assert "as well as the mocap" not in least(PoseError(np.inf, np.inf), PoseError(3.6, 0.81))
+
+
+def test_a_value_and_its_interval_have_the_same_decimals():
+    random, part = np.random.default_rng(1), r"(-?\d+(?:\.(\d+))?(e-\d+)?)"
+    form = re.compile(r"%s kg m\^2 \(95%%: %s to %s kg m\^2\)" % (part, part, part))
+    for _ in range(1000):
+        value = random.choice((-1, 1)) * 10 ** random.uniform(-9, 5)
+        low, high = value + abs(value) * 10 ** random.uniform(-6, 1) * random.uniform((-1, 0), (0, 1))
+        told = with_interval(value, low, high, "kg m^2")
+        found = form.fullmatch(told).groups("")
+        printed = [float(text) for text in found[::3]]
+        assert len({len(text) for text in found[1::3]}) == 1 and len(set(found[2::3])) == 1, told
+        assert printed[1] <= printed[0] <= printed[2] and printed[1] < printed[2], told
+        assert np.abs(np.subtract(printed, (value, low, high))).max() < 0.06 * (high - low), told
 
 
 def test_shares_do_not_say_that_all_is_explained_where_something_is_left(report):

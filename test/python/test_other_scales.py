@@ -191,6 +191,6 @@ def test_noise_and_frame_rate_can_be_given(tmp_path):
     (read,) = ground.read(bag, noise=(2e-3, 2e-2), frame_rate=100)
     assert read.motion.noise == (2e-3, 2e-2) and read.frame_rate == 100
     told = identify("info", bag, "--noise", 0.002, 0.02)
-    assert "noise 2.00 mm, 20.0 mrad (as given)" in told.stdout
+    assert "noise 2.00 mm, 1.15 deg (as given)" in told.stdout
     fitted = identify("fit", bag, "--model", MODEL, "--window", 0.7, "-o", tmp_path / "m.yaml", "--details")
     assert "error over windows of 0.7 s" in fitted.stdout

@@ -14,6 +14,7 @@ from ground.support.annotations import Array, Path
 from ground.support.docstrings import Described, internal
 from ground.support.errors import GroundError, core_errors
 from ground.support.public import public
+from ground.support.quantities import same_decimals, with_interval
 from ground.support.results import Shown
 
 if TYPE_CHECKING:
@@ -49,16 +50,21 @@ class Parameter(Described):
 
     @property
     def interval(self) -> str:
-        """The interval in words."""
-        return "[%.4g, %.4g]" % self.ci95 if self.identified else "not identifiable from these data"
+        """The interval in words, with the decimals of `number`."""
+        if not self.identified:
+            return "not identifiable from these data"
+        return "[%s, %s]" % tuple(same_decimals(self.value, *self.ci95)[1:])
+
+    @property
+    def number(self) -> str:
+        """The estimate, as precise as its interval."""
+        return same_decimals(self.value, *self.ci95)[0] if self.identified else "%.4g" % self.value
 
     @property
     def words(self) -> str:
         """Value and interval in words: "50.02 ms (95%: 49.98 to 50.05 ms)"."""
         if not self.identified:
             return "cannot be identified from these data"
-        from ground.support.quantities import with_interval
-
         return with_interval(self.value, *self.ci95, self.unit, self.runs)
 
     def __repr__(self) -> str:

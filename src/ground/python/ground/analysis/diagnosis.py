@@ -441,9 +441,12 @@ class StepwiseDiagnosis:
         """How far predicted poses are off of the nominal model with a Trial's effect, on the runs fitted to;
         None if it was not refitted, or runs are too short."""
         fit = self.search.fits.get(frozenset([trial.name]))
-        if fit is None or not len(self.starts.windows):
-            return None
-        return horizon.PoseError.of(self.starts.errors(self.runs, [fit.model] * len(self.starts.windows)))
+        return self.prediction_of(fit.model) if fit else None
+
+    def prediction_of(self, model: _core.Model) -> Optional[horizon.PoseError]:
+        """How far predicted poses of a model are off on the runs fitted to; None if runs are too short."""
+        count = len(self.starts.windows)
+        return horizon.PoseError.of(self.starts.errors(self.runs, [model] * count)) if count else None
 
     def judged_of(self, trial: evidence.Trial) -> Optional[folds.Judged]:
         """folds.Judged of the nominal model with a Trial's effect; None if it was not refitted."""

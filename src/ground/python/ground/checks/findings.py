@@ -204,9 +204,9 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
         yield "flown by", ", ".join(by)
     spans = ", ".join("%.2f to %.2f" % tuple(span) for span in usable["spans"]) or "nothing"
     yield "usable", "%.2f of %.2f s: %s" % (usable["duration"], d["duration"], spans)
-    noise = 1e3 * poses["noise"]["position"], 1e3 * poses["noise"]["heading"]
-    mm, mrad = ("%.2f", "%.1f") if noise[0] >= 0.1 and noise[1] >= 1 else ("%.2g", "%.2g")
-    text = "%d at %.1f Hz, noise " % (poses["count"], poses["rate"]) + (mm + " mm, " + mrad + " mrad") % noise
+    noise = 1e3 * poses["noise"]["position"], np.degrees(poses["noise"]["heading"])
+    form = "%.2f mm, %.2f deg" if min(noise) >= 0.1 else "%.2g mm, %.2g deg"
+    text = "%d at %.1f Hz, noise " % (poses["count"], poses["rate"]) + form % noise
     yield "poses", text + (" (as given)" if poses["noise"]["given"] else "")
     thrusters = controls["thrusters"]
     names = "thrusters" if thrusters == PAIR else ", ".join(thrusters)

@@ -23,7 +23,7 @@ from ground.reading.recording import (
     VELOCITY,
     unit,
 )
-from ground.reports.words import after, off
+from ground.reports.words import after, least, off
 from ground.support import command_line
 from ground.support.annotations import Array, Indices
 from ground.support.errors import GroundError, warn
@@ -122,7 +122,7 @@ class Prediction(Shown, Plotted):
         """Its first lines: how far it is off at the horizon, and what the mocap leaves."""
         noise = horizons.PoseError(self.noise_mm, self.noise_deg)
         found = horizons.PoseError(self.position_mm, self.heading_deg)
-        told = "%s (the mocap alone: %s)" % (off(found), off(noise))
+        told = "%s (%s)" % (off(found), least(found, noise))
         what = "%s by %s, from %d starts" % (self.name, self.model.label, self.starts)
         lines = [("Predicted", what), (after(self.horizon), told)]
         if self.held is not None and self.band is not None:

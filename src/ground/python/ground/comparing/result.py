@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 SCHEMA = "ground/compare/1"
 ROLES = ("fit", "held_out")  # a model was fitted to a run, or was not
 WRENCH = "t [s],X [N],Y [N],N [N m],sigma X [N],sigma Y [N],sigma N [N m]"
-COLUMNS = "%9s %7s %10s %9s %14s %20s"
-HEAD = COLUMNS % ("runs", "error", "prediction", "(3.4) 4 s", "fit u,v,r [%]", "off after")
+COLUMNS = "%9s %7s %10s %17s %14s %20s"
+HEAD = COLUMNS % ("runs", "error", "prediction", "thesis, first 4 s", "fit u,v,r [%]", "off after")
 Files = Mapping[str, str]  # CSV files of one run, by model
 
 

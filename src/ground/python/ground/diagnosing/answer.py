@@ -18,26 +18,31 @@ from ground.diagnosing.report import (
 )
 from ground.effect_library import candidates
 from ground.reports import effect_words
-from ground.reports.words import capital, is_pushed, listed, number, off, prediction
+from ground.reports.words import capital, is_pushed, listed, number, off, prediction, ratio
 from ground.support import records
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
+LIKELIER = "likelier, but predicts worse than the model at hand"  # refitted by likelihood
+NOT_SIGNIFICANT = "not significant among the %d that were tried"
 MAX_SIZES = 3  # parameters of an effect that a row of its search has
 DENIED = 0.0499  # probability at an end of an interval of 95%
 # Words by the largest probability of as much evidence without the effect
 CERTAINTY = ((1e-6, "Very certain"), (1e-3, "Certain"), (math.inf, "Likely"))
 
 
-def tried(row: Union[ScreenedEffect, TriedEffect], means: Mapping[str, str]) -> Document:
-    """What is known of a single effect as plain values, with its meaning, size and certainty in words; means:
-    meanings of effects that are not of the library."""
+def tried(row: Union[ScreenedEffect, TriedEffect], count: int, means: Mapping[str, str]) -> Document:
+    """What is known of a single effect as plain values, with its meaning, size and certainty in words; count:
+    of the effects that were tried; means: meanings of effects that are not of the library."""
+    sure = _sure(row.p_corrected) if row.p_corrected < LEVEL else NOT_SIGNIFICANT % count
+    if isinstance(row, ScreenedEffect) and row.prediction and row.given and row.p_corrected < LEVEL:
+        sure = LIKELIER if ratio(row.prediction, row.given) > 1 else sure
     sizes = [words.parameter(name, one) for name, one in row.parameters.items() if one.identified]
     return {
         **records.plain(row),
         "meaning": candidates.summaries().get(row.effect) or means.get(row.effect, ""),
         "size": ", ".join(sizes[:MAX_SIZES]) or "not identifiable from these runs",
-        "certain": _sure(row.p_corrected) if row.p_corrected < LEVEL else "not significant",
+        "certain": sure,
     }
 
 

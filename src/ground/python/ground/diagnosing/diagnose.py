@@ -129,7 +129,8 @@ def diagnose(
 
     def tested(found: diagnosis.StepwiseDiagnosis) -> None:
         if tried:
-            tried([answer.tried(row, {}) for row in reporting.screened(found)])
+            rows = reporting.screened(found)
+            tried([answer.tried(row, len(rows), {}) for row in rows])
 
     def begun() -> diagnosis.StepwiseDiagnosis:
         """The model as it is, refitted."""

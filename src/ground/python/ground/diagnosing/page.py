@@ -94,17 +94,9 @@ def _parameters(report: DiagnosisReport) -> List[List[str]]:
     for name, p in report.improved.parameters.items():
         before = nominal.get(name)
         start, refitted = (before.start, before.value) if before else (None, None)
-        interval = _interval(*p.ci95) if p.identified else "not identifiable from these data"
-        rows.append([name, _short(start), *[_short(refitted)] * found, _short(p.value), interval, p.unit])
+        own = p.named(name)
+        rows.append([name, _short(start), *[_short(refitted)] * found, own.number, own.interval, p.unit])
     return rows
-
-
-def _interval(low: float, high: float) -> str:
-    """An interval in four digits, or in as many as its ends differ by."""
-    digits = 4
-    while digits < 9 and low < high and "%.*g" % (digits, low) == "%.*g" % (digits, high):
-        digits += 1
-    return "%.*g to %.*g" % (digits, low, digits, high)
 
 
 def _short(value: Optional[float]) -> str:

@@ -172,7 +172,8 @@ class ScreenedEffect:
     p: float
     p_corrected: float
     delta_bic: float
-    prediction: Optional[PoseError]  # with it
+    prediction: Optional[PoseError]  # with it, refitted by likelihood
+    given: Optional[PoseError]  # of the given model
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ def completed(
 
 def screened(diagnosis: StepwiseDiagnosis) -> List[ScreenedEffect]:
     """What is known of single effects while a search goes on, the best first."""
-    count = len(diagnosis.candidates)
+    count, given = len(diagnosis.candidates), diagnosis.prediction_of(diagnosis.given)
     return [
         ScreenedEffect(
             trial.name,
@@ -144,6 +144,7 @@ def screened(diagnosis: StepwiseDiagnosis) -> List[ScreenedEffect]:
             corrected(trial.p_value, count),
             float(trial.delta_bic),
             diagnosis.prediction_with(trial),
+            given,
         )
         for trial in diagnosis.trials()
     ]

@@ -95,7 +95,10 @@ class Diagnosis(Shown, Plotted, Estimated):
     def tried(self) -> List[Document]:
         """The effects tried, best first, as `candidates` of the report, with `meaning`, `size` and `certain`
         in words."""
-        return [answer.tried(row, self.contents.means) for row in self.contents.candidates]
+        return [
+            answer.tried(c, len(self.contents.candidates), self.contents.means)
+            for c in self.contents.candidates
+        ]
 
     @property
     def llf(self) -> float:

@@ -225,14 +225,14 @@ def evidence(report: DiagnosisReport) -> Iterator[str]:
         yield "The likelihood also takes the craft's gyro and accelerometer%s." % which
     yield from bands(report)
     yield ""
-    form = "%4s %9s %9s %9s  %s"
-    yield form % ("rank", "p", "dBIC", "crossed", "effect: parameters [95%]")
+    form = "%4s %9s %11s %9s %9s  %s"
+    yield form % ("rank", "p", "p_corrected", "dBIC", "crossed", "effect: parameters [95%]")
     alone = number(report.nominal.cross_validated)
-    yield form % ("-", "-", "-", alone, "none, refitted by likelihood as all below")
+    yield form % ("-", "-", "-", "-", alone, "none, refitted by likelihood as all below")
     for c in report.candidates[:8]:
         name = "* " * c.selected + effect(report, c.effect)
         values = "; ".join(parameters(c.parameters))
-        numbers = "%.1g" % c.p_corrected, "%.0f" % c.delta_bic, number(c.error.heldout)
+        numbers = "%.1g" % c.p, "%.1g" % c.p_corrected, "%.0f" % c.delta_bic, number(c.error.heldout)
         yield form % (c.rank, *numbers, "%s: %s" % (name, values))
     held = report.runs.is_held_out
     name = "error on held-out runs:" if held else "cross-validated error:"

@@ -247,11 +247,9 @@ def _lines(found: thrust_bench.Thrust) -> Iterator[str]:
     at = "at full input" if curve.power is not None else "at input %.3g" % curve.largest
     for name, value in found.values.items():
         means = "of a thruster %s" % at if name == "k" else "exponent of the input"
-        yield "%s = %.4g%s [%.4g, %.4g]  %s" % (
+        yield "%s = %s, %s" % (
             name,
-            value,
-            " N" if name == "k" else "",
-            *found.intervals[name],
+            with_interval(value, *found.intervals[name], "N" if name == "k" else ""),
             means if name in ("k", "p") else "relative to the mean of all thrusters",
         )
     if found.p_value is not None and not (found.gains != 1).any():

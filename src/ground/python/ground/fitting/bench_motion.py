@@ -85,18 +85,18 @@ class MassByMotion:
     @property
     def mass(self) -> str:
         """The mass in words."""
-        return "%.3g kg [%.3g, %.3g]; the model has %.4g kg" % (*self.m, self.given[0])
+        return "%s; the model has %.4g kg" % (with_interval(*self.m, "kg"), self.given[0])
 
     def lines(self) -> Iterator[str]:
         """It in words."""
         yield (
-            "what the forces do at once (a random disturbance explains the rest): %.3g N [%.3g, %.3g] with "
-            % self.k
-            + ("m = %.4g kg, %.2f times the bench's [%.2f, %.2f]" % (self.given[0], *self.ratio))
+            "what the forces do at once (a random disturbance explains the rest): %s with m = %.4g kg; the "
+            "ratio to the bench's is %s"
+            % (with_interval(*self.k, "N"), self.given[0], with_interval(*self.ratio, ""))
         )
         yield "mass from motion with the bench's forces: m = %s" % self.mass
-        yield "moment of inertia likewise: I_z = %.3g kg m^2 [%.3g, %.3g]; the model has %.3g kg m^2" % (
-            *self.I_z,
+        yield "moment of inertia likewise: I_z = %s; the model has %.3g kg m^2" % (
+            with_interval(*self.I_z, "kg m^2"),
             self.given[1],
         )
         if self.delay:
@@ -136,8 +136,8 @@ class MassByMotion:
 def over_windows(fit: fitting.Fit, bench: float, at: str) -> str:
     """What a fit with k free says of the bench's k in the model [N]."""
     k = fit.parameters["k"]
-    text = "motion over windows tells %.4g N %s [%.4g, %.4g], %.2f times the bench's"
-    return text % (k.value, at, *k.ci95, k.value / bench)
+    text = "motion over windows tells %s %s, %.2f times the bench's"
+    return text % (with_interval(k.value, *k.ci95, "N"), at, k.value / bench)
 
 
 def motion(model: Model, bench: WithInterval, recordings: Recordings, part: Part, work: Work) -> MassByMotion:

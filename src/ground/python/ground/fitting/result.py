@@ -322,7 +322,7 @@ class Fit(Shown, Plotted, Estimated):
         yield "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval")
         for p in self.parameters.values():
             unit = p.unit if p.identified else ""
-            yield "%-18s %12.4g %12.4g   %s %s" % (p.name, p.start, p.value, p.interval, unit)
+            yield "%-18s %12.4g %12s   %s %s" % (p.name, p.start, p.number, p.interval, unit)
         yield from self.remarks
 
     def details(self) -> Iterator[str]:
@@ -332,8 +332,9 @@ class Fit(Shown, Plotted, Estimated):
         for what, values in self._errors():
             yield "  %-48s %8s %8s %9s" % ((what,) + tuple("" if v is None else "%.3f" % v for v in values))
         if self.data:
-            noise = 1e3 * np.max([run.noise for run in self.data], axis=0)
-            yield "assumed noise of the poses: up to %.2g mm, %.2g mrad" % (noise[0], noise[2])
+            noise = np.max([run.noise for run in self.data], axis=0)
+            told = 1e3 * noise[0], np.degrees(noise[2])
+            yield "assumed noise of the poses: up to %.2g mm, %.2g deg" % told
         if self.runs:
             yield ""
             yield from _table(list(self.parameters), self.runs)

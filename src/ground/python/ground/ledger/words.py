@@ -1,5 +1,6 @@
 """What a history says: what changed, which craft is odd, how much scatters, and what to do next."""
 
+import math
 import shlex
 from datetime import date
 from typing import Iterator, List, Optional, Sequence
@@ -9,7 +10,7 @@ from ground.ledger.contents import CraftFinding, FollowedParameter, FoundChange,
 from ground.ledger.verdicts import SavedVerdict
 from ground.reports.words import listed
 from ground.support.headline import Line
-from ground.support.quantities import quantity, with_interval
+from ground.support.quantities import quantity, same_decimals, with_interval
 
 SHOWN = 3  # changes in the first lines
 REFITTED = 4  # newest runs that a command names
@@ -260,8 +261,8 @@ def told(value: Optional[LevelValue]) -> str:
     """A value with its interval; an end without a number stays empty."""
     if value is None:
         return "-"
-    low, high = ("" if end is None else "%.3g" % end for end in sorted_ends(value.ci95))
-    return "%.3g (%s to %s)" % (value.value, low, high)
+    ends = [math.nan if end is None else end for end in sorted_ends(value.ci95)]
+    return ("%s (%s to %s)" % tuple(same_decimals(value.value, *ends))).replace("nan", "")
 
 
 def verdict(one: SavedVerdict) -> str:

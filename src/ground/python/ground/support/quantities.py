@@ -2,9 +2,9 @@
 
 import math
 import re
-from typing import Optional, Tuple
+from typing import Iterable, List, Optional, Tuple
 
-import numpy as np
+SCATTER = 1.2  # least ratio of errors of predicted poses that is not scatter over few predictions
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
@@ -16,18 +16,46 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
 def with_interval(
     value: float, low: float, high: float, unit: str, runs: Optional[Tuple[float, float]] = None
 ) -> str:
-    """A number with its 95% interval, as precise as the interval: "50.02 ms (95%: 49.98 to 50.05 ms)". runs:
-    the least and the largest of runs that differ."""
+    """A number with its 95% interval, as precise as the interval: "50.018 ms (95%: 49.984 to 50.052 ms)".
+    runs: the least and the largest of runs that differ."""
     factor, unit = _scale(value, unit)
-    half = factor * max(high - value, value - low)
-    places = 3 if not 0 < half < math.inf else int(np.clip(-math.floor(math.log10(half)), 0, 9))
-    if runs and factor * value:  # the interval may be wide: at least two digits of the value
-        places = max(places, int(np.clip(1 - math.floor(math.log10(abs(factor * value))), 0, 9)))
-    numbers = [value, low, high, *(runs or ())]
-    told = ["%.*f" % (places, round(factor * number, places) + 0.0) for number in numbers]
+    told = same_decimals(*(factor * number for number in (value, low, high, *(runs or ()))))
     unit = " " + unit if unit not in ("", "-") else ""
     differ = "; runs differ: %s to %s%s" % (told[3], told[4], unit) if runs else ""
     return "%s%s (95%%: %s to %s%s%s)" % (told[0], unit, told[1], told[2], unit, differ)
+
+
+def is_as_mocap(error: Iterable[Optional[float]], mocap: Iterable[Optional[float]]) -> bool:
+    """Whether an error of predicted poses (position, heading) is what the mocap alone leaves, within its
+    scatter over few predictions; None: infinite."""
+    return all(e is not None and (m is None or e <= SCATTER * m) for e, m in zip(error, mocap))
+
+
+def beside_mocap(error: Iterable[Optional[float]], mocap: Iterable[Optional[float]]) -> str:
+    """What is said of the error that the mocap alone leaves, beside a model's."""
+    return "as well as the mocap measures" if is_as_mocap(error, mocap) else "the mocap alone"
+
+
+def same_decimals(value: float, low: float, high: float, *others: float) -> List[str]:
+    """A number, the ends of its interval and other numbers with the same decimals: those of two digits of the
+    interval's larger half, "0.062010", "0.062005", "0.062015". Small numbers have one exponent."""
+    halves = [half for half in (high - value, value - low) if 0 < half < math.inf]
+    last = _exponent(max(halves)) - 1 if halves else _exponent(value) - 2
+    if others:  # the interval may be wide: at least two digits of the value
+        last = min(last, _exponent(value) - 1)
+    numbers = (value, low, high, *others)
+    first = _exponent(max(map(abs, filter(math.isfinite, numbers)), default=0.0))
+    power = first if first < -4 else 0
+    places, suffix = max(0, power - last), "e%03d" % power if power else ""
+    return [
+        "%.*f%s" % (places, round(number * 10.0**-power, places) + 0.0, suffix) if math.isfinite(number)
+        else "%f" % number for number in numbers
+    ]  # fmt: skip
+
+
+def _exponent(value: float) -> int:
+    """The place of the first digit of a number; 0 for 0."""
+    return math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 0
 
 
 def _scale(value: float, unit: str) -> Tuple[float, str]:

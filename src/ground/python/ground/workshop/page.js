@@ -8,6 +8,8 @@ const COMMANDS = ["#56b4e9", "#e69f00", "#009e73", "#cc79a7"];
 const config = {responsive: true, displayModeBar: false, showTips: false};
 let S = null, draft = {}, dragging = false, view = {run: "", from: 0, to: 0}, other = "", drawnOf = "", triedOf = "";
 let known = {};  // what is drawn: measured, curves, missing
+let slidersOf = "", ranges = {}, bars = {}, begun = 0, entry = null, order = 0, shown = [0, 1], newest = -1;
+let fetching = null, again = false, busy = false, pending = 0, busyAll = false, pendingAll = false;
 window.timing = {drag: [], net: [], all: [], first: 0, undo: [], add: []};
 
 /* The server */
@@ -22,7 +24,6 @@ async function api(name, content = {}) {
 }
 function say(text, bad = false) { $("said").textContent = text; $("said").classList.toggle("bad", bad); }
 const act = (name, content) => api(name, content).then(refresh).catch(error => say(error.message, true));
-let fetching = null, again = false;
 function refresh() {
   if (fetching) { again = true; return fetching; }
   fetching = (async () => {
@@ -67,7 +68,7 @@ function told(now) {
 function number(error, by) {
   const now = {...node(S.current), ...S.now};
   $("number").replaceChildren(`Prediction after ${now.seconds} s: `, make("b", {textContent: off(error)}),
-    make("span", {className: "less", textContent: ` ${by}; the mocap alone leaves ${off(now.floor)}`}));
+    make("span", {className: "less", textContent: ` ${by}; ${error.mocap || now.mocap}: ${off(now.floor)}`}));
 }
 function showRuns() {
   $("runs").replaceChildren(...S.runs.map(run => {
@@ -92,14 +93,11 @@ function choose(name) {
 
 /* Parameters: the curves follow the slider */
 
-let slidersOf = "";
 function showParameters(now) {
   $("model").textContent = now.what;
   const key = S.current + S.parameters.map(p => p.name).join();
-  const ours = {};
-  for (const p of S.parameters) ours[p.name] = p.value;
   if (key === slidersOf) {
-    if (!dragging) for (const p of S.parameters) setSlider(p, ours[p.name]);
+    if (!dragging) for (const p of S.parameters) setSlider(p, p.value);
     return;
   }
   slidersOf = key;
@@ -108,23 +106,20 @@ function showParameters(now) {
     const id = "p_" + p.name;
     const slider = make("input", {type: "range", id, min: 0, max: 1000, step: 1, title: p.doc});
     const box = make("input", {type: "number", step: "any", id: id + "_n", ariaLabel: `${p.name} in ${p.unit}`});
-    p.range = rangeOf(p);
-    slider.oninput = () => { dragging = true; const value = atSlider(p.range, slider.value / 1000); box.value = +value.toPrecision(4); drag(p.name, value); };
+    const range = ranges[p.name] = rangeOf(p);
+    slider.oninput = () => { dragging = true; const value = atSlider(range, slider.value / 1000); box.value = +value.toPrecision(4); drag(p.name, value); };
     slider.onchange = () => commit();
     box.onchange = () => { const value = Number(box.value); if (box.value === "" || !isFinite(value)) return; drag(p.name, value); commit(); };
-    ranges[p.name] = p.range;
     return make("div", {className: "parameter"}, make("label", {htmlFor: id}, p.name, make("small", {textContent: p.unit === "-" ? "" : ` [${p.unit}]`})), box, slider,
-      found ? make("div", {className: "ci", textContent: found.identified ? `95%: ${+found.ci95[0].toPrecision(3)} to ${+found.ci95[1].toPrecision(3)}` : "not identifiable from these data"}) : null);
+      found ? make("div", {className: "ci", textContent: found.words}) : null);
   }));
   for (const p of S.parameters) setSlider(p, p.value);
 }
-const ranges = {};
 function rangeOf(p) {
   const value = p.value;
   if (value > 0 && !p.name.includes(".")) return {log: true, low: value / 4, high: value * 4};
   const reach = value ? 3 * Math.abs(value) : p.name.includes("tau") || p.unit === "s" ? 0.2 : 0.05;
-  const within = {low: Math.max(value - reach, p.lower ?? -Infinity), high: Math.min(value + reach, p.upper ?? Infinity)};
-  return {log: false, ...within};
+  return {log: false, low: Math.max(value - reach, p.lower ?? -Infinity), high: Math.min(value + reach, p.upper ?? Infinity)};
 }
 const atSlider = (range, share) => range.log ? range.low * (range.high / range.low) ** share : range.low + share * (range.high - range.low);
 function setSlider(p, value) {
@@ -132,7 +127,6 @@ function setSlider(p, value) {
   slider.value = 1000 * (range.log ? Math.log(value / range.low) / Math.log(range.high / range.low) : (value - range.low) / (range.high - range.low));
   $("p_" + p.name + "_n").value = +value.toPrecision(4);
 }
-let busy = false, pending = 0, busyAll = false, pendingAll = false;
 async function drag(name, value) {
   draft[name] = value;
   pending = pending || performance.now();
@@ -192,7 +186,6 @@ function showBars(now) {
   const fill = $("bars").querySelector(".now .fill"), width = fill.style.width;
   if (old && old !== width) { fill.style.width = old; void fill.offsetWidth; fill.style.width = width; }
 }
-let bars = {};
 function liveBar(error) {
   const row = $("bars").querySelector(".now"); if (!row) return;
   row.querySelector(".fill").style.width = Math.min(100, 100 * error.position_mm / bars.most) + "%";
@@ -226,12 +219,13 @@ function showSearch() {
   if (S.last.search?.failed) say(S.last.search.failed, true);
   $("answer").replaceChildren(...(search.answer || []).map(([head, text]) => make("p", {}, make("b", {textContent: head ? head + ": " : ""}), text)));
   const adding = S.running.some(one => one.kind === "add" || one.kind === "fit"), focus = document.activeElement?.dataset?.effect;
-  $("effects").replaceChildren(...(search.rows || []).slice(0, 40).map(row => {
-    const has = S.effects.includes(row.effect), weak = row.certain === "not significant";
+  const isWeak = row => row.certain.startsWith("not significant"), rows = [...(search.rows || [])].sort((a, b) => isWeak(a) - isWeak(b));
+  $("effects").replaceChildren(...rows.slice(0, 40).map(row => {
+    const has = S.effects.includes(row.effect), weak = isWeak(row);
     const add = make("button", {textContent: has ? "added" : "Add", disabled: has || adding, ariaLabel: "Add " + row.effect, onclick: () => begin("add", row.effect)});
     add.dataset.effect = row.effect;
     const parts = [row.certain];
-    if (row.prediction) parts.push(`leaves ${off(row.prediction)}`);
+    if (row.prediction) parts.push(`fitted by likelihood it leaves ${off(row.prediction)}`);
     if (row.group?.length) parts.push("cannot be told from " + row.group.join(", "));
     if (row.seen === false) parts.push("these runs cannot show it");
     return make("li", {className: weak ? "weak" : ""}, add, make("b", {textContent: row.effect, className: row.selected ? "chosen" : ""}),
@@ -249,13 +243,11 @@ function showJobs(before) {
   else if (before && before.running.some(one => one.kind === "fit" || one.kind === "add") && before.nodes.length === S.nodes.length)
     say(S.last.fit?.failed || S.last.add?.failed || "Stopped.", true);
 }
-let begun = 0;
 const begin = (kind, effect = null) => { begun = performance.now(); return act("begin", {kind, effect}); };
 
 /* The formula */
 
 const formula = () => { const found = {X: $("fX").value, Y: $("fY").value, N: $("fN").value}; return {...found, any: Boolean(found.X + found.Y + found.N)}; };
-let entry = null;
 const check = later(250, async () => {
   const given = formula();
   entry = null; $("addformula").disabled = true;
@@ -289,25 +281,24 @@ function styled(layout) {
 }
 const predictedOf = p => ({x: [p.t, p.t, p.t, p.y], y: [p.u, p.v, p.r, p.x]});
 const line = (x, y, name, color, more = {}) => ({x, y, name, type: "scatter", mode: "lines", line: {color, width: 1.6}, hoverinfo: "x+y+name", ...more});
-let order = 0;
 async function draw() {
   const mine = ++order, run = S.runs.find(one => one.name === view.run);
   try {
     const [measured, curves, beside] = await Promise.all([api("measured", at()), api("curves", at()), other ? api("curves", {...at(), node: Number(other)}) : null]);
     if (mine !== order) return;
     known = {measured, curves: curves.predicted};
-    const black = css("--measured"), colour = css("--model"), second = css("--other"), traces = [];
-    VELOCITIES.forEach(([name], i) => traces.push(line(measured.t, measured[name], "measured", black, {line: {color: black, width: 2.6}, opacity: .55, yaxis: ["y", "y2", "y3"][i]})));
+    const grey = css("--measured"), colour = css("--model"), second = css("--other"), traces = [];
+    VELOCITIES.forEach(([name], i) => traces.push(line(measured.t, measured[name], "measured", grey, {line: {color: grey, width: 2.6}, yaxis: ["y", "y2", "y3"][i]})));
     const add = (p, name, color, dash) => { VELOCITIES.forEach(([c], i) => traces.push(line(p.t, p[c], name, color, {line: {color, width: 1.6, dash}, yaxis: ["y", "y2", "y3"][i]})));
       traces.push(line(p.y, p.x, name, color, {line: {color, width: 1.6, dash}, xaxis: "x2", yaxis: "y5"})); };
     known.places = [3, 4, 5, 6];
     add(curves.predicted, "predicted", colour);
     if (beside) add(beside.predicted, "model " + other, second, "dot");
     measured.channels.forEach((c, i) => traces.push(line(measured.t, c.y, "command " + c.name, COMMANDS[i % 4], {yaxis: "y4", line: {shape: "hv", width: 1.2, color: COMMANDS[i % 4], dash: i > 3 ? "dot" : "solid"}})));
-    const keys = [["measured", black], ["predicted", colour], ...(beside ? [["model " + other, second]] : []), ...measured.channels.map((c, i) => [(i < 2 ? "command " : "") + c.name, COMMANDS[i % 4]])];
+    const keys = [["measured", grey], ["predicted", colour], ...(beside ? [["model " + other, second]] : []), ...measured.channels.map((c, i) => [(i < 2 ? "command " : "") + c.name, COMMANDS[i % 4]])];
     $("legend").replaceChildren(...keys.map(([text, color]) => { const key = make("span", {textContent: text}); key.style.setProperty("--key", color); return key; }),
       view.to - view.from > MOST || (!view.to && run.end > MOST) ? `predicted, and missing, in the first ${MOST} s: zoom in for more` : "");
-    traces.push(line(measured.y, measured.x, "measured", black, {line: {color: black, width: 2.6}, opacity: .4, xaxis: "x2", yaxis: "y5"}));
+    traces.push(line(measured.y, measured.x, "measured", grey, {line: {color: grey, width: 2.6}, xaxis: "x2", yaxis: "y5"}));
     const range = [measured.t[0] ?? 0, measured.t[measured.t.length - 1] ?? 1], band = (i, count) => [1 - (i + 1) / count + .02, 1 - i / count];
     const shapes = run.cuts.map(([a, b]) => ({type: "rect", xref: "x", yref: "paper", x0: a, x1: b, y0: 0, y1: 1, fillcolor: "#888", opacity: .3, line: {width: 0}}));
     if (S.judge && S.judge[0] === view.run) shapes.push({type: "rect", xref: "x", yref: "paper", x0: S.judge[1], x1: S.judge[2], y0: 0, y1: 1, line: {color: "#e69f00", dash: "dash"}});
@@ -332,11 +323,11 @@ async function drawMissing(mine, range) {
     traces.push(line(found.t, c.y, "missing " + c.name, colour, {yaxis: y}));
     layout["yaxis" + (i ? i + 1 : "")] = {title: {text: `${c.name} [${c.unit}]`, font: {size: 10}, standoff: 2}, domain: [1 - (i + 1) / 3 + .03, 1 - i / 3], nticks: 4, zeroline: true};
   });
-  const largest = found.channels.slice().sort((a, b) => b.rms / b.full - a.rms / a.full)[0];
+  const share = c => c.stands_out * c.rms / c.full, largest = found.channels.slice().sort((a, b) => share(b) - share(a) || b.rms / b.full - a.rms / a.full)[0];
   if (!$("channel").dataset.chosen) $("channel").value = largest.name;
   const c = found.channels.find(one => one.name === $("channel").value), most = c.y.map(Math.abs).sort((a, b) => a - b)[Math.floor(.98 * (c.y.length - 1))] || 1;
   traces.push({x: found.y, y: found.x, mode: "markers", type: "scatter", xaxis: "x2", yaxis: "y4", customdata: found.t, hovertemplate: "%{marker.color:.3g}<extra></extra>",
-    marker: {size: 4, color: c.y, colorscale: "RdBu", cmin: -most, cmax: most, showscale: true, colorbar: {thickness: 8, x: .93, tickfont: {size: 9}}}});
+    marker: {size: 4, color: c.y, colorscale: "RdBu", cmin: -most, cmax: most, showscale: true, colorbar: {title: {text: c.unit, font: {size: 9}}, thickness: 8, x: .93, tickfont: {size: 9}}}});
   Object.assign(layout, {xaxis2: {domain: [.75, .92], anchor: "y4", title: {text: "y [m]", standoff: 2}}, yaxis4: {anchor: "x2", scaleanchor: "x2", title: {text: "x [m]", standoff: 0}}});
   await Plotly.react($("wrench"), traces, styled(layout), config);
   listen("wrench", range);
@@ -348,13 +339,13 @@ async function drawMissing(mine, range) {
   });
   await Plotly.react($("against"), clouds, styled(spread), config);
   listen("against", range);
-  $("worst").textContent = `most in ${largest.name}: ${two(largest.rms)} ${largest.unit} rms, ${two(100 * largest.rms / largest.full)}% of full thrust`;
+  $("worst").textContent = !largest.stands_out ? "nothing stands out of the noise"
+    : `most in ${largest.name}: ${two(largest.rms)} ${largest.unit} rms, ${two(100 * largest.rms / largest.full)}% of ${largest.name === "N" ? "the moment of " : ""}full thrust`;
   $("wrench").dataset.drawn = drawnOf;
 }
 
 /* A zoom in one view is a part of the run, and all views show that part. */
 const heard = new Set();
-let shown = [0, 1];
 function listen(id, range) {
   shown = range;
   const plot = $(id);
@@ -422,7 +413,6 @@ document.addEventListener("keydown", event => {
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => show(S));
 const events = new EventSource("events?token=" + encodeURIComponent(token));
-let newest = -1;
 const changed = later(10, async () => { await fetching; if (!S || S.version !== newest) refresh(); });
 events.onmessage = event => { newest = Number(event.data); changed(); };
 events.onerror = () => say("The workbench does not answer. If it was ended, start it again: nothing is lost.", true);

@@ -1,11 +1,13 @@
 """What a person has done on the workbench: a tree of models, roles of runs, and what is known of them."""
 
+import math
 import threading
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ground import Effect, Model, Predictor, Recording, Room
 from ground.checks import findings, quality
+from ground.support import quantities
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 from ground.support.event_file import EventFile
@@ -15,6 +17,7 @@ from ground.workshop import work
 SCHEMA = "ground/workbench/1"  # of the work file
 FIT, HELD_OUT, OFF = "fit", "held out", "off"  # roles of runs
 REFIT = ("parameters", "before", "floor", "helps", "reason", "remarks")  # of fits, that a node has
+PARAMETER = ("name", "unit", "doc", "lower", "upper")  # what a page shows of one
 Entry = Mapping[str, object]  # effect, as model files list it
 Ticked = Tuple[List[str], work.Cuts]  # the runs that are fitted, and the spans that are left out
 
@@ -103,7 +106,7 @@ class Session:
         self.formula: Entry = {}
         self.running: Dict[int, Job] = {}
         self.last: Dict[str, Mapping[str, object]] = {}  # by kind of job: no model, or why it failed
-        self._renewed: Tuple[str, Dict[str, object]] = ("", {})
+        self._renewed: Tuple[str, Dict[str, Any]] = ("", {})
         self.opened = 0  # how often held-out runs were seen
         self._ready: Dict[str, Predictor] = {}
         self._quality = {d["name"]: d for d in findings.describe([quality.repaired(r) for r in recordings])}
@@ -201,24 +204,35 @@ class Session:
         was fitted."""
         ready, model = self.predictor(*ticked), Model.parse(node.model)
         off = asdict(ready.error(model))
-        before = self.nodes.get(node.parent)  # other values hardly change the floor
         return replace(
             node,
             seconds=ready.horizon,
             as_is=off,
             error=after or off,
             by="cross-validated" if after else "as it is",
-            floor=node.floor or (before.floor if before else asdict(ready.noise(model))),
+            floor=(node.floor if after else None) or self._floor(ticked) or asdict(ready.noise(model)),
             runs=ticked[0],
             cuts=ticked[1],
         )
+
+    def _floor(self, ticked: Ticked) -> Optional[work.Errors]:
+        """What the noise of poses leaves on some runs, by the best model that was judged on them."""
+        judged = [n for n in self.nodes.values() if (n.runs, n.cuts) == ticked]
+        best = min(judged, key=lambda n: (n.error or {}).get("position_mm") or math.inf, default=None)
+        return best.floor if best else None
+
+    def beside_mocap(self, error: work.Errors) -> Dict[str, object]:
+        """What the mocap alone leaves on what is ticked, and what is said of it beside an error."""
+        with self.lock:
+            floor = self._floor(self.ticked()) or self._now()["floor"]
+        return {"floor": floor, "mocap": quantities.beside_mocap(error.values(), floor.values())}
 
     def ticked(self) -> Ticked:
         """What is ticked now."""
         names = self.names(FIT)
         return names, {name: self.cuts[name] for name in names if name in self.cuts}
 
-    def _now(self) -> Dict[str, object]:
+    def _now(self) -> Dict[str, Any]:
         """The error of the current model on what is ticked, where that has changed since; else nothing."""
         node, ticked = self.nodes[self.current], self.ticked()
         if (node.runs, node.cuts) == ticked:
@@ -233,19 +247,16 @@ class Session:
     def state(self) -> Dict[str, object]:
         """All that a page shows."""
         with self.lock:
-            model = self.model_of(self.current)
+            model, now = self.model_of(self.current), self._now()
             return {
                 "version": self.version,
                 "runs": [self._run(recording) for recording in self.recordings],
                 "nodes": [_without(node.entry(), "model") for node in self.nodes.values()],
                 "current": self.current,
-                "now": self._now(),
+                "now": {**now, **self.beside_mocap(now.get("error") or self.nodes[self.current].error or {})},
                 "effects": list(model.effects),
                 "parameters": [
-                    {
-                        "value": model[p["name"]],
-                        **{k: p[k] for k in ("name", "unit", "doc", "lower", "upper")},
-                    }
+                    {**{k: p[k] for k in PARAMETER}, "value": model[p["name"]]}
                     for p in model.core.parameters()
                 ],
                 "judge": self.judge,
@@ -263,12 +274,11 @@ class Session:
         told = "%.1f of %.1f s usable, %.4g Hz, noise %.2g mm" % (
             d["usable"]["duration"], d["usable"]["of"], poses["rate"], 1e3 * poses["noise"]["position"],
         )  # fmt: skip
-        odd = list(findings.grave(d))
         return {
             "name": recording.name,
             "role": self.roles.get(recording.name, OFF),
             "quality": told,
-            "odd": odd,
+            "odd": list(findings.grave(d)),
             "end": d["usable"]["of"],
             "cuts": self.cuts.get(recording.name, []),
         }

@@ -12,6 +12,7 @@ from ground.support.annotations import Indices
 MOST_POINTS = 1000  # of a curve
 MOST_SECONDS = 120.0  # of a run that are predicted at once; a longer part is shown in its first ones
 MOST_COMMANDS = 4  # that the missing wrench is drawn against
+OUTSIDE = 0.05  # largest share of a run in which noise alone leaves its 95% band
 MOTION = ("x", "y", "psi", "u", "v", "r")
 
 
@@ -60,6 +61,7 @@ def missing(part: Span) -> Dict[str, object]:
                 "name": name, "unit": milli + ("N m" if name == "N" else "N"), "y": _listed(values),
                 "low": _listed(values - width), "high": _listed(values + width),
                 "rms": factor * float(np.sqrt((whole[name] ** 2).mean())), "full": factor * full,
+                "stands_out": float((whole[name].abs() > 2 * whole[name + "_sigma"]).mean()) > OUTSIDE,
             }
         )  # fmt: skip
     return {

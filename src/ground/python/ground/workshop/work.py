@@ -67,10 +67,10 @@ def added(found: Addition) -> Dict[str, object]:
 
 def _refitted(found: Union[Fit, Addition], before: str, after: str) -> Dict[str, object]:
     """A fit or an addition; before, after: names of the models in its prediction error."""
-    off, names = found.prediction, ("value", "ci95", "unit", "identified")
+    off = found.prediction
     return {
         "model": found.model.format(),
-        "parameters": {name: {key: getattr(p, key) for key in names} for name, p in found.parameters.items()},
+        "parameters": {name: {"words": p.words} for name, p in found.parameters.items()},
         "before": off and asdict(off.errors[before]),
         "after": off and asdict(off.errors[after]),
         "floor": off and asdict(off.mocap),
@@ -78,21 +78,19 @@ def _refitted(found: Union[Fit, Addition], before: str, after: str) -> Dict[str,
 
 
 def searched(
-    model: Model,
-    runs: Sequence[Recording],
-    room: Optional[Room],
-    tell: Tell,
-    progress: Listener,
+    model: Model, runs: Sequence[Recording], room: Optional[Room], tell: Tell, progress: Listener
 ) -> Dict[str, object]:
     """A Diagnosis; it passes on rows of the list while it goes on."""
-    predictions: Dict[str, Errors] = {}
+    predicted: Dict[str, Dict[str, object]] = {}  # by effect, what is known since it was refitted
 
     def rows(tried: Sequence[Mapping[str, Any]]) -> List[Dict[str, object]]:
-        predictions.update({row["effect"]: row["prediction"] for row in tried if "prediction" in row})
+        predicted.update(
+            {r["effect"]: {k: r[k] for k in ("certain", "prediction")} for r in tried if r.get("prediction")}
+        )
         return [
             {
                 **{key: row[key] for key in ROW if key in row},
-                "prediction": predictions.get(row["effect"]),
+                **({} if row.get("selected") else predicted.get(row["effect"], {})),
                 "group": [other for other in row.get("group", ()) if other != row["effect"]],
             }
             for row in tried

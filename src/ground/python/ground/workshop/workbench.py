@@ -137,10 +137,10 @@ def actions(session: Session, folder: str, reading: Mapping[str, object]) -> Dic
         start, end = float(of.get("from") or 0.0), float(of["to"]) if of.get("to") else float("inf")
         return views.Span(ready, model, str(of["run"]), start, end)
 
-    def error(of: Document) -> Dict[str, float]:
+    def error(of: Document) -> Dict[str, object]:
         model = session.varied(int(of["node"]), dict(of.get("values", {})))
-        ready = session.predictor(session.names(FIT))
-        return {"seconds": ready.horizon, **asdict(ready.error(model))}
+        found = asdict(session.predictor(session.names(FIT)).error(model))
+        return {**found, **session.beside_mocap(found)}
 
     def done(act: Action) -> Action:
         return lambda of: {"done": act(of)}
