@@ -32,19 +32,19 @@ def is_as_mocap(error: Iterable[Optional[float]], mocap: Iterable[Optional[float
 
 
 def beside_mocap(error: Iterable[Optional[float]], mocap: Iterable[Optional[float]]) -> str:
-    """What is said of the error that the mocap alone leaves, beside a model's."""
+    """The words for the error that the mocap alone leaves, beside a model's."""
     return "as well as the mocap measures" if is_as_mocap(error, mocap) else "the mocap alone"
 
 
 def same_decimals(value: float, low: float, high: float, *others: float) -> List[str]:
-    """A number, the ends of its interval and other numbers with the same decimals: those of two digits of the
-    interval's larger half, "0.062010", "0.062005", "0.062015". Small numbers have one exponent."""
+    """A number, the ends of its interval and other numbers with the same decimals, as two digits of the
+    interval's larger half need them, "0.062010", "0.062005", "0.062015". Small numbers have one exponent."""
     halves = [half for half in (high - value, value - low) if 0 < half < math.inf]
     last = _exponent(max(halves)) - 1 if halves else _exponent(value) - 2
     if others:  # the interval may be wide: at least two digits of the value
         last = min(last, _exponent(value) - 1)
     numbers = (value, low, high, *others)
-    first = _exponent(max(map(abs, filter(math.isfinite, numbers)), default=0.0))
+    first = _exponent(max((abs(n) for n in numbers if math.isfinite(n)), default=0.0))
     power = first if first < -4 else 0
     places, suffix = max(0, power - last), "e%03d" % power if power else ""
     return [

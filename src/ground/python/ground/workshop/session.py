@@ -222,7 +222,7 @@ class Session:
         return best.floor if best else None
 
     def beside_mocap(self, error: work.Errors) -> Dict[str, object]:
-        """What the mocap alone leaves on what is ticked, and what is said of it beside an error."""
+        """What the mocap alone leaves on what is ticked, and its words beside an error."""
         with self.lock:
             floor = self._floor(self.ticked()) or self._now()["floor"]
         return {"floor": floor, "mocap": quantities.beside_mocap(error.values(), floor.values())}
