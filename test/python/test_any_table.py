@@ -770,7 +770,7 @@ def test_a_table_whose_columns_have_no_names_is_listed_for_who_completes_the_dra
 @pytest.mark.parametrize(
     "content, reason",
     [
-        ("", "only 0 rows"),
+        ("", "no rows"),
         ("name,place\na,b\nc,d\n", "no row has numbers"),
         ("t,x,y\n", "no row has numbers"),
         ("3.5\n4.5\n5.5\n", "its lines are no rows of two values"),

@@ -7,12 +7,14 @@ import importlib
 import inspect
 import json
 import pickle
+import pydoc
 import re
 import subprocess
 import sys
 import warnings
 
 import numpy as np
+import pandas
 import pytest
 
 import ground
@@ -320,3 +322,81 @@ def test_options_are_keywords_or_one_object_and_can_be_pickled(flown):
         assert pickle.loads(pickle.dumps(kept)) == kept
     with pytest.raises(TypeError, match="colour"):
         ground.fit(MODEL, flown, colour="red")
+
+
+WRONG = {  # a call with the craft, a run and what is wrong; words of the error
+    "window: -1": lambda craft, run: ground.fit(craft, run, window=-1),
+    "window: nan": lambda craft, run: ground.compare(craft, run, window=float("nan")),
+    "window: 0 ": lambda craft, run: ground.predict(craft, run, window=0),
+    "start: '10'": lambda craft, run: ground.fit(craft, run, start="10"),
+    "starts: 2.5": lambda craft, run: ground.fit(craft, run, starts=2.5),
+    "ends at 5 s": lambda craft, run: ground.fit(craft, run, start=10, end=5),
+    "free: ": lambda craft, run: ground.fit(craft, run, free=[["k"]]),
+    "prior: 5": lambda craft, run: ground.fit(craft, run, prior=5),
+    "no effect is left": lambda craft, run: ground.diagnose(craft, run, only=[]),
+    "^matters": lambda craft, run: ground.diagnose(craft, run, matters="2"),
+    "rate: -1": lambda craft, run: ground.track(craft, rate=-1),
+    "^perturb": lambda craft, run: ground.track(craft, perturb={"k": "a"}),
+    "noise": lambda craft, run: ground.read("run.bag", noise=[0.001]),
+    "duration: '15'": lambda craft, run: ground.simulate(craft, duration="15"),
+    "start_pose": lambda craft, run: ground.simulate(craft, start_pose=(0, 0)),
+    "imu: 'no'": lambda craft, run: ground.simulate(craft, imu="no"),
+    "not list": lambda craft, run: ground.simulate(craft, ["prbs"]),
+    "^k: 'a'": lambda craft, run: craft.with_values(k="a"),
+    "motor_lag.tau: '50 ms'": lambda craft, run: craft.with_effect("motor_lag", tau="50 ms"),
+    "not SimulatedRun": lambda craft, run: ground.compare(run, craft),
+    "from_frame": lambda craft, run: ground.fit(craft, run.to_frame()),
+    "did you mean room_4x4": lambda craft, run: ground.Room.load("room_4x5"),
+}
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_a_wrong_argument_is_one_line(craft, words):
+    run = ground.simulate(craft, "prbs", duration=3)
+    with pytest.raises(ground.GroundError, match=words) as error:
+        WRONG[words](craft, run)
+    assert "\n" not in str(error.value) and "_core" not in str(error.value)
+
+
+def test_a_single_name_is_one_name(craft):
+    run = ground.simulate(craft, "prbs", duration=6)
+    assert list(ground.fit(craft, run, free="I_z").parameters) == ["I_z"]
+    assert [one["effect"] for one in ground.diagnose(craft, run, only="yaw_bias").tried] == ["yaw_bias"]
+    levels = np.array([0.2, 0.8])
+    assert set(ground.simulate(craft, levels=levels, duration=3).controls[:, 0]) == {0.0, *levels}
+
+
+def test_a_level_of_confidence_is_no_alpha(craft):
+    fit = ground.fit(craft, ground.simulate(craft, "prbs", duration=6), free=["k"])
+    assert fit.conf_int(alpha=0.01).equals(fit.conf_int(0.99))
+    with pytest.raises(ground.GroundError, match="0.95.*alpha"):
+        fit.conf_int(0.05)
+
+
+def test_rooms_and_gains_have_names_and_text(craft, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert len(ground.Room.load("room_4x4").corners) == 4
+    assert not ground.track(craft, gains="tiny_whoover", end_time=2).stopped
+    run = ground.simulate(craft, "prbs", duration=3)
+    run.save("run.bag")
+    for load in (ground.Model.load, ground.Room.load):
+        with pytest.raises(ground.GroundError, match="run.bag.*text"):
+            load("run.bag")
+    run.to_frame().to_csv("own.csv")
+    with pytest.raises(ground.GroundError, match="from_frame.*read_csv"):
+        ground.read("own.csv")
+    again = ground.Recording.from_frame(pandas.read_csv("own.csv"))
+    assert again.channels == run.channels and again.eta == pytest.approx(run.eta)
+
+
+def test_an_effect_that_does_nothing_is_told(craft):
+    with pytest.warns(ground.GroundWarning, match="wind does nothing"):
+        ground.simulate(craft + "wind", duration=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ground.simulate(craft.with_effect("wind", wx=0.2), duration=1)
+
+
+def test_help_and_completion_show_what_is_public():
+    assert {name for name in dir(ground) if not name.startswith("__")} == set(ground.__all__)
+    assert not [name for name in ground.__all__ if " at 0x" in pydoc.render_doc(getattr(ground, name))]

@@ -220,7 +220,7 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
     with pytest.raises(GroundError, match="gust.yaml, line 4: a must be a number"):
         tried()
     own["gust"].write_text(text.replace("name: gust", "name: swirl"))
-    with pytest.raises(GroundError, match="gust.yaml: --effects has another effect swirl"):
+    with pytest.raises(GroundError, match="gust.yaml: another effect swirl"):
         tried()
     own["gust"].write_text("name: motor_lag\ntau: 0.1\n")
     assert tried() == tried_by_default() | {"swirl"}

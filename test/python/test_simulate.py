@@ -263,7 +263,7 @@ def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
 )
 def test_bad_usage(tmp_path, options, words):
     out = tmp_path / "run.bag"
-    fails(identify("simulate", "--model", MODEL, "-o", out, *options), "usage", *words, status=2)
+    fails(identify("simulate", "--model", MODEL, "-o", out, *options), "--help", *words, status=2)
     assert not out.exists()
 
 

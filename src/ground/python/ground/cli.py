@@ -9,9 +9,19 @@ import importlib
 import json
 import os
 import sys
-from typing import Iterator, NamedTuple, Optional, Sequence
+from typing import Any, Iterator, NamedTuple, NoReturn, Optional, Sequence
 
 from ground.support import completion, errors, files, progress
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that takes options by their whole names, and says in a line where they are listed."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__(allow_abbrev=False, **more)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, "%s: %s\n%s --help lists the options\n" % (self.prog, message, self.prog))
 
 
 class Verb(NamedTuple):
@@ -68,7 +78,7 @@ def program(name: str, argv: Optional[Sequence[str]] = None) -> int:
     verb = PROGRAMS[name]
 
     def parser_of(_: Optional[Sequence[str]] = None) -> argparse.ArgumentParser:
-        parser = argparse.ArgumentParser(prog=name, description=verb.summary)
+        parser = _Parser(prog=name, description=verb.summary)
         _configure(parser, verb)
         return parser
 
@@ -135,9 +145,7 @@ def _inputs(arguments: argparse.Namespace) -> Iterator[str]:
 
 def _parser(used: Optional[Sequence[str]] = None) -> argparse.ArgumentParser:
     """The parser of identify. used: names of the verbs whose options are needed (all)."""
-    parser = argparse.ArgumentParser(
-        prog="identify", description="Identifies the hovercraft from recordings."
-    )
+    parser = _Parser(prog="identify", description="Identifies the hovercraft from recordings.")
     subparsers = parser.add_subparsers(dest="verb", metavar="VERB")
     subparsers.required = True
     for verb in VERBS:

@@ -171,7 +171,7 @@ class Model(Shown):
         'Tiny Whoover'
         """
         with core_errors():
-            place = files.delivered(files.path_of(path, "a model"))
+            place = files.delivered(path, "a model", "hovercraft", "craft")
             core, doubts = _core.load_model_with_warnings(place)
         for doubt in doubts:
             errors.warn(doubt)
@@ -302,7 +302,10 @@ class Model(Shown):
         core = self.core.copy()
         with core_errors():
             for name, value in {**values, **more}.items():
-                core.set_value(name, value)
+                try:
+                    core.set_value(str(name), value)
+                except TypeError:
+                    raise GroundError("%s: %r is not a number" % (name, value)) from None
         return _changed(core)
 
     def with_effect(self, effect: "EffectLike", **values: float) -> "Model":
@@ -438,9 +441,9 @@ class Room(Described):
 
     @classmethod
     def load(cls, path: Path) -> "Room":
-        """Loads a room from a file."""
+        """Loads a room from a file, or one that comes with ground by its name, "room_4x4"."""
         with core_errors():
-            place = files.path_of(path, "a room")
+            place = files.delivered(path, "a room", "room")
             return cls(_core.load_room(place), place)
 
     @classmethod

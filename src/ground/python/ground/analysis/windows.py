@@ -25,7 +25,7 @@ def cut(runs: Sequence[_core.RunData], seconds: Optional[float] = None) -> List[
         found = cut_part(run, index, run.times[0], run.times[-1], seconds)
         if not found:
             raise GroundError(
-                "%s: too short for a window of %.3g s without a gap; --window takes shorter ones"
+                "%s: too short for a window of %.3g s without a gap; choose a shorter window"
                 % (run.name, seconds)
             )
         windows += found

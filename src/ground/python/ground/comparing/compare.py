@@ -5,9 +5,8 @@ compare.json, schema ground/compare/1 (docs/schemas/compare.schema.json explains
 
 import argparse
 import json
-import os
 from dataclasses import replace
-from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -81,7 +80,9 @@ def labelled(models: Models) -> Dict[str, Model]:
     if isinstance(models, Mapping):
         named = {label: Model.of(model) for label, model in models.items()}
     else:
-        given = [models] if isinstance(models, (Model, str, os.PathLike)) else list(models)
+        given: List[Any] = [models]
+        if isinstance(models, Iterable) and not isinstance(models, str):
+            given = list(models)
         loaded = [Model.of(model) for model in given]
         labels = distinct_labels([m.label for m in loaded], [m.path for m in loaded])
         named = dict(zip(labels, loaded))

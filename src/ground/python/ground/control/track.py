@@ -2,7 +2,7 @@
 
 import argparse
 import os
-from dataclasses import dataclass, make_dataclass, replace
+from dataclasses import dataclass, make_dataclass
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
@@ -284,15 +284,14 @@ def track(
     (False, True)
     """
     own = options.controller if callable(options.controller) else None
-    command_line.check(replace(options, controller="TrajectoryTracking") if own else options)
     if own and options.gains is not None:
         raise OptionError("{0} are not for a function: leave them out", "gains")
     believed = Model.of(model)
     moves = believed if options.truth is None else Model.of(options.truth)
     try:
         truth = tracking.perturbed(moves.core, dict(options.perturb))
-    except ValueError as error:
-        raise GroundError("--perturb: %s" % error)
+    except (TypeError, ValueError) as error:
+        raise OptionError("{0}: {why}", "perturb", why=error)
     use = tracking.EffectUse([], [])
     if own:
         choice: tracking.Controller = laws.CheckedLaw(own, truth)

@@ -76,9 +76,8 @@ class ReadingOptions:
         """The mapping with what the other options say in its place. GroundError names what is wrong in it."""
         said = {one.name: getattr(self, one.name) for one in fields(self)}
         given, types = said.pop("mapping") or DEFAULT, said.pop("types")
-        files = [types] if isinstance(types, (str, os.PathLike)) else types
         mapping = given if isinstance(given, FieldMapping) else load(os.fspath(given))
-        return mapping.with_options(**said, types=[os.fspath(file) for file in files])
+        return mapping.with_options(**said, types=[os.fspath(file) for file in types])
 
 
 @takes(ReadingOptions)
@@ -206,6 +205,8 @@ def _flat(given: Any) -> Iterator[Recording]:
     if isinstance(given, Recording):
         # Without what the runs of an earlier call decided.
         yield replace(given, decided=()) if given.decided else given
+    elif hasattr(given, "columns"):
+        raise GroundError("a table is not a recording; ground.Recording.from_frame(TABLE) makes one of it")
     elif isinstance(given, Iterable) and not isinstance(given, (str, os.PathLike)):
         for one in given:
             yield from _flat(one)

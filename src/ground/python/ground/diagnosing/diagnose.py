@@ -26,7 +26,7 @@ from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Array, Document
 from ground.support.command_line import option
-from ground.support.errors import GroundError, did_you_mean, warn
+from ground.support.errors import GroundError, OptionError, did_you_mean, warn
 from ground.support.headline import formatted
 from ground.support.progress import Progress, Work
 
@@ -67,7 +67,7 @@ def diagnose(
     recordings: Recordings,
     *,
     holdout: Recordings = (),
-    told: Callable[[str], None] = lambda line: None,
+    told: Optional[Callable[[str], None]] = None,
     tried: Optional[Callable[[List[Document]], None]] = None,
     progress: Progress = None,
     options: DiagnoseOptions,
@@ -150,8 +150,9 @@ def diagnose(
     chosen = [("only", options.only), ("all but", options.exclude)]
     selection = "; ".join("%s %s" % (which, ", ".join(names)) for which, names in chosen if names)
     report = reporting.begun(found, conclusion, given.path or given.name, held.data, noted, selection)
-    for line in formatted(answer.known_first(report)):
-        told(line)
+    if told:
+        for line in formatted(answer.known_first(report)):
+            told(line)
     report, planned = reporting.completed(report, found, conclusion, walls.core if walls else None)
     if planned:
         report = replace(report, next_experiment=_flown(planned.experiment, seen, room))
@@ -190,7 +191,11 @@ def _what_matters(text: Optional[str]) -> Optional[Array]:
     found = re.fullmatch("%smm\\s*,%sdeg\\s*" % (number, number), text)
     values = np.array(found.groups() if found else [0.0], float)
     if not values.min() > 0:
-        raise GroundError("--matters %r: not a position and a heading; write for example 2mm,0.5deg" % text)
+        raise OptionError(
+            "{0}: {given!r} is not a position and a heading; write for example 2mm,0.5deg",
+            "matters",
+            given=text,
+        )
     return values
 
 
@@ -231,8 +236,8 @@ def effects_to_try(
             raise GroundError("there is no effect %s%s; there are %s" % (name, hint, ", ".join(known)))
     for effect, name in zip(given, names):
         if names.count(name) > 1:
-            raise GroundError("%s: --effects has another effect %s" % (effect.path or name, name))
-    wanted = set(only or by_default)
+            raise GroundError("%s: another effect %s is given" % (effect.path or name, name))
+    wanted = set(by_default if only is None else only)
     if not wanted & set(names):
         wanted |= set(names)
     chosen = [c for c in library + own if c.name in wanted and c.name not in exclude]

@@ -177,7 +177,6 @@ def discover(
     >>> found.seconds <= 60 and abs(found.model["yaw_bias.n0"] - 1e-4) < 2e-5
     True
     """
-    command_line.check(options)
     from ground.discovery import page  # slow to load
 
     given, mover, kept = Model.of(model), Model.of(truth), os.fspath(folder)

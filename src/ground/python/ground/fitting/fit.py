@@ -129,7 +129,6 @@ def fit(
     """
     work = Work.of(progress)
     given = Model.of(model)
-    command_line.check(options)
     seen = measured(recordings, given, options, work)
     given = voltage.at_recorded(given, seen.recordings)
     held = held_out(holdout, given, options, work, seen)

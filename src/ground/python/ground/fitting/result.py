@@ -149,13 +149,15 @@ class Fit(Shown, Plotted, Estimated):
         made: Prediction = public("predict")(self.model, recording, horizon, band, self.parts, **options)
         return made
 
-    def conf_int(self, level: float = 0.95) -> "pandas.DataFrame":
+    def conf_int(self, level: float = 0.95, *, alpha: Optional[float] = None) -> "pandas.DataFrame":
         """Confidence intervals of the parameters, by Student's t of their coordinates.
 
         Parameters
         ----------
         level : float, default 0.95
-            Probability that an interval holds the true value, between 0 and 1.
+            Probability that an interval holds the true value, at least 0.5 and below 1.
+        alpha : float, optional
+            One minus the level, as statsmodels takes it.
 
         Returns
         -------
@@ -165,12 +167,15 @@ class Fit(Shown, Plotted, Estimated):
         Raises
         ------
         GroundError
-            When the level is not between 0 and 1.
+            When the level is below 0.5, which is probably an alpha, or not below 1.
         """
         from ground.analysis.score_tests import moved
 
-        if not 0 < level < 1:
-            raise GroundError("a level of confidence is between 0 and 1, not %g" % level)
+        level = level if alpha is None else 1 - alpha
+        if not 0.5 <= level < 1:
+            hint = "; conf_int(%g) or conf_int(alpha=%g) has this alpha" % (1 - level, level)
+            text = "a level of confidence is at least 0.5 and below 1, not %g%s"
+            raise GroundError(text % (level, hint if 0 < level < 0.5 else ""))
         factor = student_limit(0.5 - level / 2, self.freedom) / student_limit(0.025, self.freedom)
         known = described(self.model.core)
         frame = self.to_frame()

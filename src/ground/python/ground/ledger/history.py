@@ -91,7 +91,6 @@ def history(
     >>> list(found.to_frame())[:4]
     ['recorded', 'craft', 'type', 'length']
     """
-    command_line.check(options)
     work = Work.of(progress)
     given = (
         [folders] if isinstance(folders, (str, bytes)) or hasattr(folders, "__fspath__") else list(folders)

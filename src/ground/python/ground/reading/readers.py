@@ -28,6 +28,7 @@ from ground.support.errors import GroundError
 from ground.support.origin import digest_of_files
 
 FARTHEST = 1e5  # largest plausible distance from the first pose [m]
+OWN = {"t", "x", "y", "psi", "u", "v", "r"}  # columns of a table that a recording gives
 MANY_LOST = 0.1  # share of lost poses from which their axes are checked
 MOST_RAW = 2000  # poses as measured that axes are judged by
 
@@ -44,7 +45,10 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
                 "{field: NAME} under %s"
                 % (path, mapping.file, " and of the ".join(named), " and ".join(named))
             )
-        said = "".join(note + "; " for note in opened(path).warnings if note.startswith("an export"))
+        source = opened(path)
+        said = "".join(note + "; " for note in source.warnings if note.startswith("an export"))
+        if any(OWN <= source.table(topic).keys() for topic in source.topics):
+            said += "ground.Recording.from_frame(pandas.read_csv(FILE)) reads a table that ground made; "
         raise GroundError(
             "%s: %swhich columns are times, poses and commands is not known; identify info %s "
             "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, said, path)

@@ -50,6 +50,7 @@ SAME_INSTANT = 1e-5  # instants differ by less after rounding [s]
 POSE = ("x", "y", "psi")
 VELOCITY = ("u", "v", "r")
 UNITS = {"t": "s", "x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
+UNNAMED = "Unnamed: "  # begins the name that pandas gives a column without one, such as an index
 COMMAND = "command."  # before the name of a channel that is also the name of another column
 PREDICTED, RESIDUAL, LOW, HIGH = "_predicted", "_residual", "_low", "_high"  # ends of the names of columns
 
@@ -171,7 +172,7 @@ class Recording(Plotted):
         missing = [column for column in ("t", *POSE) if column not in frame]
         if missing:
             raise GroundError("%s: the table has no column %s" % (name, ", ".join(missing)))
-        columns = [c for c in frame if unit(c) == "1"]
+        columns = [c for c in frame if unit(c) == "1" and not c.startswith(UNNAMED)]
         commands = frame[columns].to_numpy(float)
         given, times = np.isfinite(commands).any(axis=1), frame["t"].to_numpy(float)
         return Recording.from_arrays(

@@ -73,7 +73,7 @@ def _head(lines: Sequence[str]) -> Head:
     """Separator, names of the columns and first line of values. GroundError where no lines are rows."""
     filled = [n for n, line in enumerate(lines) if line.strip() and not COMMENT.match(line)]
     if not filled:
-        raise GroundError("the table has only 0 rows")
+        raise GroundError("the table has no rows")
     sample = [lines[n] for n in filled[-SAMPLE:]]
     sample = sample[:-1] if len(sample) > 2 else sample  # the last line may be cut
     separator, width, share = max((_fit(sample, one) for one in SEPARATORS), key=lambda fit: fit[2])
@@ -90,7 +90,7 @@ def _head(lines: Sequence[str]) -> Head:
     rows = (n for n in filled[:SEARCHED] if _count(_split(lines[n], separator)) >= least)
     first = next((n for n in rows if len(_split(lines[n], separator)) >= width - 1), None)
     if first is None:
-        raise GroundError("the table has only 0 rows: no line after its names has values")
+        raise GroundError("the table has no rows: no line after its names has values")
     head = Head(first, [], separator)
     _name(head, lines, first, width)
     return head
@@ -230,7 +230,7 @@ def _rows(lines: Sequence[str], head: Head, notes: List[str]) -> Tuple[List[str]
         notes.append("lines that name the columns again are left out (%d)" % again)
         rows = [line for line in rows if line != repeated]
     if not rows:
-        raise GroundError("the table has only 0 rows")
+        raise GroundError("the table has no rows")
     counts = np.array(_widths(rows, separator))
     usual = Counter(counts.tolist()).most_common(1)[0][0]
     most, short = max(usual, width), counts < min(usual, width)

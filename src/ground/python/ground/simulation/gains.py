@@ -23,12 +23,14 @@ def choice(kind: str, gains: Union[None, Gains] = None) -> _core.ControllerChoic
     made = _core.ControllerChoice()
     made.kind = kind
     with core_errors():
-        made.values = dict(gains) if isinstance(gains, Mapping) else read(os.fspath(gains)) if gains else {}
+        made.values = dict(gains) if isinstance(gains, Mapping) else read(gains) if gains else {}
     return made
 
 
-def read(path: str) -> Dict[str, float]:
-    """Name to number; GroundError that says what is wrong with the file."""
+def read(given: Path) -> Dict[str, float]:
+    """Name to number, of a file or of gains that come with ground by their name; GroundError that says what
+    is wrong with it."""
+    path = files.delivered(given, "a file of gains", "gains")
     try:
         with open(path) as file:
             values = yaml.load(file, LOADER)

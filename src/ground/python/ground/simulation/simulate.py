@@ -13,6 +13,7 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple, TypeVar
 import numpy as np
 
 from ground import _core
+from ground.effect_library.parameters import described
 from ground.models import Model, ModelLike, Room, RoomLike
 from ground.reading import run_settings
 from ground.reading.run_settings import AXES
@@ -22,7 +23,7 @@ from ground.simulation.simulated_run import SimulatedRun
 from ground.support import command_line, files
 from ground.support.annotations import Array, Document, Path
 from ground.support.command_line import count, number, option, seed
-from ground.support.errors import GroundError, OptionError
+from ground.support.errors import GroundError, OptionError, warn
 from ground.support.headline import Line, formatted
 from ground.support.progress import say
 
@@ -244,10 +245,10 @@ def simulate(
     ...
     ground.support.errors.OptionError: burst needs room
     """
-    command_line.check(options)
     mover = Model.of(model)
+    _warn_of_neutral(mover)
     rows = None if inputs is None else array_inputs.rows_of(inputs, mover.core)
-    drive = _Drive(os.fspath(input), options, mover.core, rows)
+    drive = _Drive(files.path_of(input, "a name of an input"), options, mover.core, rows)
     acting = disturbance_on(mover, options.disturbance, options.trim)
     try:
         _core.AxisMapping(options.axes, options.heading_offset)
@@ -275,6 +276,17 @@ def simulate(
         made_with=run_settings.document(drive.parameters(mover)),
         files={"truth": run_settings.RunFile(mover.path or "truth.yaml", mover.format())},
     )
+
+
+def _warn_of_neutral(model: Model) -> None:
+    """Warns of effects of a model that do nothing."""
+    for effect in model.effects:
+        known = described(model.core).items()
+        own = [(n, p) for n, p in known if n.startswith(effect + ".") and not p.shape]
+        if own and all(model[name] == p.neutral for name, p in own):
+            name, p = own[0]
+            text = "%s does nothing at these values; give it others, such as %s = %.2g %s"
+            warn(text % (effect, name, p.scale, p.unit))
 
 
 def _battery(options: _Options) -> Tuple[float, float]:

@@ -4,8 +4,9 @@ import argparse
 import functools
 import inspect
 import math
-from dataclasses import field, fields, replace
-from typing import Any, Callable, Dict, Iterable, Optional, Type, TypeVar
+import numbers
+from dataclasses import Field, dataclass, field, fields, replace
+from typing import Any, Callable, Dict, Generic, Iterable, Mapping, Optional, Sequence, Type, TypeVar
 
 from ground.support import docstrings, files, progress
 from ground.support.errors import OptionError
@@ -30,8 +31,8 @@ def add_options(parser: "argparse._ActionsContainer", kind: Type[Any]) -> None:
         more = dict(one.metadata)
         name = more.pop("name", "--" + one.name.replace("_", "-"))
         title = more.pop("group", None)
-        if "range" in more:
-            more["type"] = _between(more.get("type", float), *more.pop("range"))
+        if more.pop("range", None):
+            more["type"] = _type(one)
         if title not in groups:
             groups[title] = parser.add_argument_group(title)
         if one.default is False and "nargs" not in more:
@@ -44,21 +45,61 @@ def options(arguments: argparse.Namespace, kind: Type[_O]) -> _O:
     return kind(**{f.name: getattr(arguments, f.name) for f in fields(kind) if f.metadata})
 
 
-def check(options: Any) -> None:
-    """OptionError when a number is not in the range of its option, or a value is none of the choices."""
-    for one in fields(options):
-        value = getattr(options, one.name)
-        if value is None:
-            continue
-        choices = one.metadata.get("choices", (value,))
-        if value not in choices:
-            raise OptionError("{0} must be one of {known}", one.name, known=", ".join(choices))
-        if "range" in one.metadata:
-            low, high = one.metadata["range"]
-            for number in value if isinstance(value, (list, tuple)) else [value]:
-                if not low <= number <= high:
-                    text = "{0}: {value:g} is not between {low:g} and {high:g}"
-                    raise OptionError(text, one.name, value=number, low=low, high=high)
+def check(options: Any) -> Any:
+    """The options, with tuples where several values are due. OptionError when a value is not allowed."""
+    given = {f.name: (f, getattr(options, f.name)) for f in fields(options) if f.metadata}
+    own = {
+        name: _checked(one, value)
+        for name, (one, value) in given.items()
+        if value is not None and not (type(value) is type(one.default) and value == one.default)
+    }
+    return replace(options, **own)
+
+
+def _checked(one: "Field[Any]", value: Any) -> Any:
+    """A value of an option as the command line would give it."""
+    kind, number_of = _type(one), one.metadata.get("nargs")
+    if callable(value) or isinstance(value, bool) and isinstance(one.default, bool):
+        return value
+    if isinstance(one.default, bool) and number_of is None:
+        raise OptionError("{0}: {value!r} is neither True nor False", one.name, value=value)
+    if number_of is None:
+        return _single(one, kind, value)
+    if isinstance(value, Mapping) and kind and not isinstance(kind, _Number):
+        return value
+    is_single = isinstance(value, (str, Mapping)) or not isinstance(value, Iterable)
+    values = tuple(_single(one, kind, v) for v in ([value] if is_single else value))
+    if isinstance(number_of, int) and len(values) != number_of:
+        raise OptionError("{0} takes {count} numbers, not {n}", one.name, count=number_of, n=len(values))
+    return values
+
+
+def _single(one: "Field[Any]", kind: Any, value: Any) -> Any:
+    """A value of an option that takes one, or one of several."""
+    wrong = ""
+    if isinstance(kind, _Number):
+        whole = kind.kind is int
+        if isinstance(value, bool) or not isinstance(value, numbers.Integral if whole else numbers.Real):
+            wrong = "is not a whole number" if whole else "is not a number"
+        elif not kind.allows(value):
+            wrong = kind.otherwise
+        else:
+            return kind.kind(value)
+    elif kind and isinstance(value, str):
+        try:
+            return kind(value)
+        except argparse.ArgumentTypeError as error:
+            raise OptionError("{0}: {why}", one.name, why=error) from error
+    elif kind and not isinstance(value, Sequence):
+        wrong = "is not %s" % one.metadata["metavar"]
+    elif docstrings.type_name(one.type) in ("str", "sequence of str") and not isinstance(value, str):
+        wrong = "is not a string"
+    elif value not in one.metadata.get("choices", (value,)):
+        raise OptionError("{0} must be one of {known}", one.name, known=", ".join(one.metadata["choices"]))
+    if wrong:
+        shown = "%g" % value if isinstance(value, float) else repr(value)
+        raise OptionError("{0}: {value} {wrong}", one.name, value=shown, wrong=wrong)
+    return value
 
 
 def given(options: Any, names: Iterable[str]) -> Dict[str, Any]:
@@ -69,14 +110,14 @@ def given(options: Any, names: Iterable[str]) -> Dict[str, Any]:
 
 def takes(kind: Type[Any]) -> Callable[[Callable[..., _T]], Callable[..., _T]]:
     """Lets a function with an argument `options`, a dataclass of this kind, take its fields as keyword
-    arguments, too. Its signature and its docstring list them."""
+    arguments, too, and checks them. Its signature and its docstring list them."""
 
     def decorate(function: Callable[..., _T]) -> Callable[..., _T]:
         @functools.wraps(function)
         def taking(*given: Any, **keywords: Any) -> _T:
             own = {f.name: keywords.pop(f.name) for f in fields(kind) if f.name in keywords}
             chosen = keywords.pop("options", None) or kind()
-            return function(*given, options=replace(chosen, **own), **keywords)
+            return function(*given, options=check(replace(chosen, **own)), **keywords)
 
         signature = inspect.signature(function)
         given = dict(signature.parameters)
@@ -96,29 +137,37 @@ def takes(kind: Type[Any]) -> Callable[[Callable[..., _T]], Callable[..., _T]]:
 # Types of options
 
 
-def _number(kind: Callable[[str], _N], allows: Callable[[_N], bool], otherwise: str) -> Callable[[str], _N]:
-    """A type of options: numbers that are allowed; otherwise: what is wrong with another one."""
+@dataclass(frozen=True)
+class _Number(Generic[_N]):
+    """A type of options: numbers that are allowed."""
 
-    def parse(text: str) -> _N:
-        value = kind(text)
-        if not allows(value):
-            raise argparse.ArgumentTypeError("%s %s" % (text, otherwise))
+    kind: Callable[[Any], _N]
+    allows: Callable[[_N], bool]
+    otherwise: str  #: what is wrong with another one
+    __name__ = "number"  # in errors of argparse
+
+    def __call__(self, text: str) -> _N:
+        value = self.kind(text)
+        if not self.allows(value):
+            raise argparse.ArgumentTypeError("%s %s" % (text, self.otherwise))
         return value
 
-    parse.__name__ = "number"
-    return parse
+
+def _type(one: "Field[Any]") -> Any:
+    """The type of an option, as argparse takes it; None for text."""
+    kind = one.metadata.get("type")
+    if "range" not in one.metadata:
+        return kind
+    low, high = one.metadata["range"]
+    return _Number(kind or float, lambda x: bool(low <= x <= high), "is not between %g and %g" % (low, high))
 
 
-def _between(kind: Callable[[str], _N], low: float, high: float) -> Callable[[str], _N]:
-    return _number(kind, lambda x: low <= x <= high, "is not between %g and %g" % (low, high))
-
-
-above_zero = _number(float, lambda x: x > 0, "is not positive")
-positive = _number(float, lambda x: 0 < x < math.inf, "is not positive")
-number = _number(float, math.isfinite, "is not finite")
-count = _number(int, lambda n: n > 0, "is not positive")
-seed = _number(int, lambda n: 0 <= n < 2**31, "is not a seed: 0 or more")
-seconds = _number(float, lambda x: 0 <= x < math.inf, "is not a time since the start [s]")
+above_zero = _Number(float, lambda x: x > 0, "is not positive")
+positive = _Number(float, lambda x: 0 < x < math.inf, "is not positive")
+number = _Number(float, math.isfinite, "is not finite")
+count = _Number(int, lambda n: n > 0, "is not positive")
+seed = _Number(int, lambda n: 0 <= n < 2**31, "is not a seed: 0 or more")
+seconds = _Number(float, lambda x: 0 <= x < math.inf, "is not a time since the start [s]")
 
 
 # Arguments that verbs share

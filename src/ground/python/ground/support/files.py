@@ -16,7 +16,7 @@ import yaml
 from ground.support.errors import GroundError, did_you_mean, reason
 
 BAG_SPACE = 2e8  # free space with which a recording may begin; with half of it, it ends [bytes]
-KINDS = ("hovercraft", "craft")  # folders of cfg with models that come with ground
+NO_TEXT = b"\0"  # a byte that text does not have
 _inputs: Set[Tuple[int, int]] = set()  # inside protect: files that must not be replaced, (device, inode)
 
 
@@ -51,33 +51,38 @@ def path_of(given: Any, what: str) -> str:
         raise GroundError("%s, or the path of its file, is expected here, not %s" % (what, kind)) from None
 
 
-def delivered(name: str) -> str:
-    """The path of the model file that comes with ground by a name, "tiny_whoover" or "tiny_whoover.yaml";
-    else what is given.
+def delivered(given: Any, what: str, *kinds: str) -> str:
+    """The path of a file of text that comes with ground by a name, "tiny_whoover" or "tiny_whoover.yaml";
+    else what is given. what: it is, "a model"; kinds: folders of cfg with such files.
 
-    GroundError, which lists the names that there are, for a name that is neither one of them nor a file."""
-    if os.path.lexists(name) or os.path.basename(name) != name:
-        return name
-    known = {os.path.splitext(os.path.basename(path))[0]: path for path in reversed(_delivered())}
+    GroundError, which lists the names that there are, for a name that is neither one of them nor a file, and
+    where the file is no text."""
+    name = path_of(given, what)
     title, end = os.path.splitext(name)
-    if end:
-        return known.get(title, name) if end == ".yaml" else name
-    if name not in known:
-        there = "; models that come with ground: " + ", ".join(sorted(known)) if known else ""
+    if os.path.isfile(name):
+        with contextlib.suppress(OSError), open(name, "rb") as file:
+            if NO_TEXT in file.read(1000):
+                raise GroundError("%s: it is not %s: it is not a file of text" % (name, what))
+    if os.path.lexists(name) or os.path.basename(name) != name or end not in ("", ".yaml"):
+        return name
+    known = {os.path.splitext(os.path.basename(path))[0]: path for path in reversed(_delivered(kinds))}
+    if title not in known and not end:
+        there = "; there are " + ", ".join(sorted(known)) if known else ""
         hint = did_you_mean(name, known)
-        raise GroundError("%s: neither a file nor a model that comes with ground%s%s" % (name, hint, there))
-    return known[name]
+        raise GroundError("%s: neither a file nor %s that comes with ground%s%s" % (name, what, hint, there))
+    return known.get(title, name)
 
 
-def _delivered() -> List[str]:
-    """Paths of the model files that come with ground: in the workspace, or where pip put the wheel."""
+def _delivered(kinds: Sequence[str]) -> List[str]:
+    """Paths of the files in folders of cfg that come with ground: in the workspace, or where pip put the
+    wheel."""
     package = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     beside = os.path.normpath(
         os.path.join(package, *[os.pardir] * 4)
     )  # of lib/python3.x/site-packages/ground
     target = os.path.dirname(package)  # pip install --target
     roots = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), beside, target, sys.prefix]
-    places = (os.path.join(root, "share/ground/cfg", kind, "*.yaml") for root in roots for kind in KINDS)
+    places = (os.path.join(root, "share/ground/cfg", kind, "*.yaml") for root in roots for kind in kinds)
     return [path for place in places for path in sorted(glob.glob(place))]
 
 

@@ -49,7 +49,7 @@ def workbench(
     holdout: Recordings = (),
     reading: Mapping[str, Any] = {},
     progress: Progress = None,
-    begun: Callable[[str], None] = lambda address: None,
+    begun: Optional[Callable[[str], None]] = None,
     options: WorkbenchOptions,
 ) -> None:
     """Serves a page on this computer until Ctrl-C: measured against predicted motion, fits, missing effects.
@@ -79,7 +79,6 @@ def workbench(
     ...
     SystemExit: at http://127.0.0.1:...
     """
-    command_line.check(options)
     if "fork" not in multiprocessing.get_all_start_methods():
         raise GroundError("the workbench needs Linux or macOS")
     given, told = Model.of(model), Work.of(progress)
@@ -102,7 +101,8 @@ def workbench(
         file = EventFile(os.path.join(folder, "work.jsonl"), SCHEMA)
         session = Session(runs, given, [run.name for run in runs[len(fitted) :]], room, file, jobs)
         server = Server(options.port, _files(), actions(session, folder, reading), session.wait)
-        begun(server.address)
+        if begun:
+            begun(server.address)
         try:
             serve(server)
         finally:
