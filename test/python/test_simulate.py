@@ -387,6 +387,6 @@ def test_a_reference_too_large_for_the_room_is_refused_with_one_line(tmp_path):
     for size in (1.9, 2.5):
         result = refused(tmp_path, "--input", "tracking", "--room", ROOM, "--size", size)
         fails(result, "the reference does not fit into", "room_4x4.yaml", "m outside", status=2)
-        assert "does not fit" in result.stderr.strip().splitlines()[-1]
+        assert ["does not fit" in line for line in result.stderr.strip().splitlines()].count(True) == 1
     shifted = ["--input", "tracking", "--room", ROOM, "--size", 1.5, "--origin", 0.6, 0]
     fails(refused(tmp_path, *shifted), "the reference does not fit into", status=2)

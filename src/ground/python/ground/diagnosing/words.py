@@ -232,7 +232,8 @@ def evidence(report: DiagnosisReport) -> Iterator[str]:
     for c in report.candidates[:8]:
         name = "* " * c.selected + effect(report, c.effect)
         values = "; ".join(parameters(c.parameters))
-        numbers = "%.1g" % c.p, "%.1g" % c.p_corrected, "%.0f" % c.delta_bic, number(c.error.heldout)
+        p = "-" if math.isnan(c.p) else "%.1g" % c.p  # older reports have none
+        numbers = p, "%.1g" % c.p_corrected, "%.0f" % c.delta_bic, number(c.error.heldout)
         yield form % (c.rank, *numbers, "%s: %s" % (name, values))
     held = report.runs.is_held_out
     name = "error on held-out runs:" if held else "cross-validated error:"
