@@ -306,7 +306,7 @@ def test_bad_usage_is_status_2(arguments):
     verb = " " + arguments[0] if arguments[:1] in (["fit"], ["info"]) else ""
     result = identify(*arguments)
     fails(result, "identify%s" % verb, "-h", status=2)
-    assert not arguments or result.stderr.count("\n") == 2  # what is wrong, and where options are listed
+    assert not arguments or result.stderr.count("\n") == 1  # what is wrong, and where options are listed
 
 
 @pytest.mark.parametrize(

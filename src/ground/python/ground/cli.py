@@ -21,7 +21,7 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(allow_abbrev=False, **more)
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, "%s: %s\n%s --help lists the options\n" % (self.prog, message, self.prog))
+        self.exit(2, "%s: %s (%s --help lists the options)\n" % (self.prog, message, self.prog))
 
 
 class Verb(NamedTuple):
