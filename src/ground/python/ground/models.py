@@ -14,7 +14,6 @@ from ground.support.annotations import Array, Path
 from ground.support.docstrings import Described, internal
 from ground.support.errors import GroundError, core_errors
 from ground.support.public import public
-from ground.support.quantities import same_decimals, with_interval
 from ground.support.results import Shown
 
 if TYPE_CHECKING:
@@ -53,11 +52,15 @@ class Parameter(Described):
         """The interval in words, with the decimals of `number`."""
         if not self.identified:
             return "not identifiable from these data"
+        from ground.support.quantities import same_decimals
+
         return "[%s, %s]" % tuple(same_decimals(self.value, *self.ci95)[1:])
 
     @property
     def number(self) -> str:
         """The estimate, as precise as its interval."""
+        from ground.support.quantities import same_decimals
+
         return same_decimals(self.value, *self.ci95)[0] if self.identified else "%.4g" % self.value
 
     @property
@@ -65,6 +68,8 @@ class Parameter(Described):
         """Value and interval in words: "50.02 ms (95%: 49.98 to 50.05 ms)"."""
         if not self.identified:
             return "cannot be identified from these data"
+        from ground.support.quantities import with_interval
+
         return with_interval(self.value, *self.ci95, self.unit, self.runs)
 
     def __repr__(self) -> str:

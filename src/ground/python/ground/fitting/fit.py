@@ -16,7 +16,7 @@ from ground.analysis.window_error import WindowFit, WindowFitter
 from ground.data import voltage
 from ground.data.measured import Measured, Part, held_out, measured
 from ground.data.read import Recordings
-from ground.fitting import closed_loop, identifiability, priors
+from ground.fitting import identifiability, priors
 from ground.fitting.identifiability import WindowEstimates
 from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model
@@ -148,6 +148,8 @@ def fit(
         if name in unknown:
             p = replace(p, identified=False, ci95=(0.0, np.inf), deviation=np.inf)
         estimates.parameters[name] = p
+    from ground.fitting import closed_loop
+
     for name in closed_loop.closed(seen.runs, seen.data, found.model):
         warn(CLOSED % name)
     if not found.result.converged:
