@@ -50,18 +50,19 @@ class Parameter(Described):
     @property
     def interval(self) -> str:
         """The interval in words, with the decimals of `number`."""
-        if not self.identified:
-            return "not identifiable from these data"
-        from ground.support.quantities import same_decimals
-
-        return "[%s, %s]" % tuple(same_decimals(self.value, *self.ci95)[1:])
+        return "[%s, %s]" % self._told[1:] if self.identified else "not identifiable from these data"
 
     @property
     def number(self) -> str:
         """The estimate, as precise as its interval."""
+        return self._told[0] if self.identified else "%.4g" % self.value
+
+    @property
+    def _told(self) -> Tuple[str, ...]:
+        """The estimate and the ends of its interval, as text."""
         from ground.support.quantities import same_decimals
 
-        return same_decimals(self.value, *self.ci95)[0] if self.identified else "%.4g" % self.value
+        return tuple(same_decimals(self.value, *self.ci95))
 
     @property
     def words(self) -> str:

@@ -26,7 +26,7 @@ from ground.support.headline import Line
 LIKELIER = "likelier, but predicts worse than the model at hand"  # refitted by likelihood
 NOT_SIGNIFICANT = "not significant among the %d that were tried"
 MAX_SIZES = 3  # parameters of an effect that a row of its search has
-DENIED = 0.0499  # probability at an end of an interval of 95%
+DENIED = 0.0499  # at an end of an interval of 95% the probability is 0.05, but for rounding
 # Words by the largest probability of as much evidence without the effect
 CERTAINTY = ((1e-6, "Very certain"), (1e-3, "Certain"), (math.inf, "Likely"))
 
