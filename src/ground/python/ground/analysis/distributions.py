@@ -62,6 +62,18 @@ def student_outside(value: float, freedom: float = math.inf) -> float:
     return float(2 * special.stdtr(freedom, -abs(value)))
 
 
+def chance_by_interval(value: float, ci95: Tuple[float, float], neutral: float) -> float:
+    """Probability of an estimate so far from a neutral value, as of a normal variable with the half of the
+    95% interval that is on the neutral side. If the neutral value is infinite, reciprocals are compared."""
+    (value, *ends), off = (value, *ci95), neutral
+    if math.isinf(neutral):
+        (value, *ends), off = (1 / x if x else math.inf for x in (value, *ends)), 0.0
+    half = max((abs(value - end) for end in ends if (end - value) * (off - value) > 0), default=0.0)
+    if value == off:
+        return 1.0
+    return student_outside(DEVIATIONS * abs(value - off) / half) if half else 0.0
+
+
 def normal_limit(chance: float) -> float:
     """Value that a standard normal variable exceeds with a probability."""
     return float(special.ndtri(1 - chance))

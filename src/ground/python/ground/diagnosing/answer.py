@@ -7,15 +7,9 @@ import shlex
 from typing import Iterator, List, Mapping, Union
 
 from ground.analysis.diagnosis import EXPLAINED
-from ground.analysis.distributions import DEVIATIONS, LEVEL, student_outside
+from ground.analysis.distributions import LEVEL, chance_by_interval
 from ground.diagnosing import words
-from ground.diagnosing.report import (
-    AddedEffect,
-    DiagnosisReport,
-    ReportedParameter,
-    ScreenedEffect,
-    TriedEffect,
-)
+from ground.diagnosing.report import AddedEffect, DiagnosisReport, ScreenedEffect, TriedEffect
 from ground.effect_library import candidates
 from ground.reports import effect_words
 from ground.reports.words import capital, is_pushed, listed, number, off, prediction, ratio
@@ -194,23 +188,13 @@ def _at_ends(report: DiagnosisReport, name: str) -> List[str]:
 
 
 def _chance_by_intervals(report: DiagnosisReport, name: str) -> float:
-    """Probability that an effect of the library is nothing by the interval of its parameter that is furthest
-    from it, as of a normal variable. The intervals contain what runs differ by, the likelihood does not."""
+    """Probability that an effect of the library is nothing, by the interval of its parameter that is furthest
+    from it. The intervals contain what runs differ by, the likelihood does not."""
     values, known = report.improved.parameters, candidates.effects().get(name, {"parameters": []})
     neutral = {"%s.%s" % (name, p["name"]): p["neutral"] for p in known["parameters"] if not p["shape"]}
-    found = [student_outside(_deviations(values[k], n)) for k, n in neutral.items() if k in values]
+    own = [(values[key], value) for key, value in neutral.items() if key in values]
+    found = [chance_by_interval(p.value, p.ci95, value) for p, value in own]
     return min(found, default=0.0)
-
-
-def _deviations(p: ReportedParameter, neutral: float) -> float:
-    """Standard deviations between a parameter and its neutral value, by its interval on that side."""
-    (value, *ends), off = (p.value, *p.ci95), neutral
-    if math.isinf(neutral):
-        (value, *ends), off = (1 / x if x else math.inf for x in (value, *ends)), 0.0
-    half = max((abs(value - end) for end in ends if (end - value) * (off - value) > 0), default=0.0)
-    if value == off:
-        return 0.0
-    return DEVIATIONS * abs(value - off) / half if half else math.inf
 
 
 def _rest(report: DiagnosisReport) -> str:
