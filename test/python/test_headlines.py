@@ -4,12 +4,14 @@ import copy
 import json
 import re
 import shlex
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import ground
 from conftest import MODEL, identify, succeeds, with_effect, write_bag
+from ground.analysis.distributions import chance_by_interval
 from ground.analysis.horizon import PoseError
 from ground.diagnosing import answer
 from ground.diagnosing.report import DiagnosisReport, ScreenedEffect
@@ -136,10 +138,10 @@ def test_an_effect_is_as_certain_as_its_interval_says(report):
     words = ["may be nothing at all", "Likely.", "Certain.", "Very certain."]
     for part, word in zip((1.0, 0.8, 0.5, 0.1), words):  # of the value, between it and an end
         ends = [(1 - part) * tau["value"], (1 + part) * tau["value"]]
-        for runs in (ends, None):
-            found["improved"]["parameters"]["motor_lag.tau"] = dict(tau, ci95=ends, runs=runs)
-            told = lines_of(found)[0][1]
-            assert word in told and ("ertain." in told) == (part < 0.8), told
+        found["improved"]["parameters"]["motor_lag.tau"] = dict(tau, ci95=ends)
+        found["steps"][0]["p_interval"] = chance_by_interval(tau["value"], ends, 0)
+        told = lines_of(found)[0][1]
+        assert word in told and ("ertain." in told) == (part < 0.8), told
 
 
 def test_what_swings_is_named_where_an_effect_was_refuted_too(report):
@@ -276,6 +278,20 @@ def test_an_effect_that_predicts_worse_is_not_called_certain():
     assert "certain" in certain(18, 0.0) and "worse" not in certain(18, 0.0)
     assert "predicts worse" in certain(172, 0.0) and "certain" not in certain(172, 0.0)
     assert "27" in certain(18, 1.0) and "not significant" in certain(172, 1.0)
+
+
+def test_an_effect_is_called_certain_only_where_its_prediction_was_judged(report):
+    (row, *_), without = typed(report).candidates, 0.6
+
+    def certain(heldout):
+        tried = replace(row, p_corrected=0.0, error=replace(row.error, heldout=heldout))
+        return answer.tried(tried, 27, {}, without)["certain"]
+
+    assert [("ertain" in certain(error), "worse" in certain(error)) for error in (0.5, 0.7, None)] == [
+        (True, False),
+        (False, True),
+        (False, False),
+    ]
 
 
 @pytest.mark.parametrize("error, is_as_good", [((3.2, 0.74), True), ((4.0, 0.9), True), ((5.0, 0.7), False)])

@@ -7,7 +7,7 @@ import shlex
 from typing import Iterator, List, Mapping, Union
 
 from ground.analysis.diagnosis import EXPLAINED
-from ground.analysis.distributions import LEVEL, chance_by_interval
+from ground.analysis.distributions import LEVEL
 from ground.diagnosing import words
 from ground.diagnosing.report import AddedEffect, DiagnosisReport, ScreenedEffect, TriedEffect
 from ground.effect_library import candidates
@@ -17,20 +17,24 @@ from ground.support import records
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
-LIKELIER = "likelier, but predicts worse than the model at hand"  # refitted by likelihood
+LIKELIER = "likelier, but predicts worse than the model without it"
 NOT_SIGNIFICANT = "not significant among the %d that were tried"
+NOT_JUDGED = "likelier; its prediction was not judged"
 MAX_SIZES = 3  # parameters of an effect that a row of its search has
 DENIED = 0.0499  # at an end of an interval of 95% the probability is 0.05, but for rounding
 # Words by the largest probability of as much evidence without the effect
 CERTAINTY = ((1e-6, "Very certain"), (1e-3, "Certain"), (math.inf, "Likely"))
 
 
-def tried(row: Union[ScreenedEffect, TriedEffect], count: int, means: Mapping[str, str]) -> Document:
+def tried(
+    row: Union[ScreenedEffect, TriedEffect], count: int, means: Mapping[str, str], without: float = math.inf
+) -> Document:
     """What is known of a single effect as plain values, with its meaning, size and certainty in words; count:
-    of the effects that were tried; means: meanings of effects that are not of the library."""
-    sure = _sure(row.p_corrected) if row.p_corrected < LEVEL else NOT_SIGNIFICANT % count
-    if isinstance(row, ScreenedEffect) and row.prediction and row.given and row.p_corrected < LEVEL:
-        sure = LIKELIER if ratio(row.prediction, row.given) > 1 else sure
+    of the effects that were tried; means: meanings of effects that are not of the library; without: the
+    cross-validated error of the refitted model."""
+    sure = NOT_SIGNIFICANT % count
+    if row.p_corrected < LEVEL:
+        sure = _judged(row, without) or _sure(row.p_corrected)
     sizes = [words.parameter(name, one) for name, one in row.parameters.items() if one.identified]
     return {
         **records.plain(row),
@@ -38,6 +42,16 @@ def tried(row: Union[ScreenedEffect, TriedEffect], count: int, means: Mapping[st
         "size": ", ".join(sizes[:MAX_SIZES]) or "not identifiable from these runs",
         "certain": sure,
     }
+
+
+def _judged(row: Union[ScreenedEffect, TriedEffect], without: float) -> str:
+    """What predictions say against an effect; empty if nothing."""
+    if isinstance(row, ScreenedEffect):
+        worse = row.prediction and row.given and ratio(row.prediction, row.given) > 1
+        return LIKELIER if worse else ""
+    if row.error.heldout is None:
+        return NOT_JUDGED
+    return LIKELIER if row.error.heldout > without else ""
 
 
 def _sure(chance: float) -> str:
@@ -165,15 +179,14 @@ def _rest_matters(report: DiagnosisReport) -> bool:
 def _certainty(report: DiagnosisReport, step: AddedEffect) -> str:
     """How certain an effect is, and the evidence against it."""
     held, fitted = step.judged.holdout, step.judged.fitted
-    by_intervals = _chance_by_intervals(report, step.added)
-    sure = _sure(max(step.p_corrected, by_intervals))
+    sure = _sure(max(step.p_corrected, step.p_interval))
     if held and held.is_worse:
         return "Contradicted by the runs that you held out: they are predicted worse with it"
     if held and not held.is_better:
         return "%s in the runs fitted to; the runs that you held out cannot confirm it" % sure
     if not fitted.is_better:
         return "Seen, not confirmed: parts of the runs that were held out cannot confirm it"
-    if by_intervals > DENIED:
+    if step.p_interval > DENIED:
         return "Seen, not confirmed: with what single runs differ by, it may be nothing at all"
     is_like = _rest(report) or _at_ends(report, step.added)
     return sure + (" that something acts like it" if is_like else "")
@@ -185,16 +198,6 @@ def _at_ends(report: DiagnosisReport, name: str) -> List[str]:
     values, known = report.improved.parameters, candidates.effects().get(name, {"parameters": []})
     own = [(p, values.get("%s.%s" % (name, p["name"]))) for p in known["parameters"]]
     return [p["name"] for p, found in own if found and found.at_bound and found.value != p["neutral"]]
-
-
-def _chance_by_intervals(report: DiagnosisReport, name: str) -> float:
-    """Probability that an effect of the library is nothing, by the interval of its parameter that is furthest
-    from it. The intervals contain what runs differ by, the likelihood does not."""
-    values, known = report.improved.parameters, candidates.effects().get(name, {"parameters": []})
-    neutral = {"%s.%s" % (name, p["name"]): p["neutral"] for p in known["parameters"] if not p["shape"]}
-    own = [(values[key], value) for key, value in neutral.items() if key in values]
-    found = [chance_by_interval(p.value, p.ci95, value) for p, value in own]
-    return min(found, default=0.0)
 
 
 def _rest(report: DiagnosisReport) -> str:

@@ -144,6 +144,7 @@ class AddedEffect:
     p: float
     p_corrected: float  # for the number of effects tried
     judged: EffectTests
+    p_interval: float = 0.0  # that it is nothing, by its interval
 
     @property
     def others(self) -> List[str]:

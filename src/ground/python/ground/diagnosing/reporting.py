@@ -7,6 +7,7 @@ from ground import _core
 from ground.analysis import bands, excerpts
 from ground.analysis.ceiling import Share
 from ground.analysis.diagnosis import StepwiseDiagnosis
+from ground.analysis.distributions import chance_by_interval
 from ground.analysis.horizon import PoseError
 from ground.analysis.likelihood import LikelihoodFit
 from ground.analysis.search import LookAlike
@@ -58,6 +59,7 @@ def begun(
     before, after, left = conclusion.before, conclusion.after, conclusion.ceiling
     names = [run.name for run in diagnosis.runs]
     by, fit = "holdout" if heldout else CROSSED, diagnosis.fit
+    improved = parameters(after.parameters, given=diagnosis.given)
     return DiagnosisReport(
         schema=SCHEMA,
         version=_core.version,
@@ -81,7 +83,7 @@ def begun(
         ),
         improved=Improved(
             [c.name for c in diagnosis.chosen],
-            parameters(after.parameters, given=diagnosis.given),
+            improved,
             ModelError(float(after.error.sum()), float(after.heldout.sum()), by),
             conclusion.cross_validated,
             after.by,
@@ -92,7 +94,7 @@ def begun(
         noise_floor=conclusion.heldout_floor,
         prediction=conclusion.prediction,
         matters=PoseError(*diagnosis.matters.tolist()),
-        steps=_steps(diagnosis, conclusion, by),
+        steps=_steps(diagnosis, conclusion, by, improved),
         dropped=_dropped(diagnosis),
         varies=conclusion.varies,
         ceiling=ErrorShares(
@@ -170,8 +172,10 @@ def parameters(
     }
 
 
-def _steps(diagnosis: StepwiseDiagnosis, conclusion: Conclusion, by: str) -> List[AddedEffect]:
-    """The effects that were added."""
+def _steps(
+    diagnosis: StepwiseDiagnosis, conclusion: Conclusion, by: str, improved: Parameters
+) -> List[AddedEffect]:
+    """The effects that were added; improved: parameters of the improved model."""
     return [
         AddedEffect(
             step.added,
@@ -180,9 +184,19 @@ def _steps(diagnosis: StepwiseDiagnosis, conclusion: Conclusion, by: str) -> Lis
             step.p_value,
             corrected(step.p_value, len(diagnosis.candidates)),
             EffectTests(step.confirmed, conclusion.holdout[step.added]),
+            _chance_by_intervals(step.added, improved),
         )
         for step, error in zip(diagnosis.steps, conclusion.steps[1:])
     ]
+
+
+def _chance_by_intervals(name: str, improved: Parameters) -> float:
+    """Probability that an effect of the library is nothing, by the interval of its parameter that is furthest
+    from it. The intervals contain what runs differ by, the likelihood does not."""
+    known = candidates.effects().get(name, {"parameters": []})
+    neutral = {"%s.%s" % (name, p["name"]): p["neutral"] for p in known["parameters"] if not p["shape"]}
+    own = [(improved[key], value) for key, value in neutral.items() if key in improved]
+    return min((chance_by_interval(p.value, p.ci95, value) for p, value in own), default=0.0)
 
 
 def _dropped(diagnosis: StepwiseDiagnosis) -> List[DroppedEffect]:

@@ -96,7 +96,12 @@ class Diagnosis(Shown, Plotted, Estimated):
         """The effects tried, best first, as `candidates` of the report, with `meaning`, `size` and `certain`
         in words."""
         return [
-            answer.tried(c, len(self.contents.candidates), self.contents.means)
+            answer.tried(
+                c,
+                len(self.contents.candidates),
+                self.contents.means,
+                self.contents.nominal.cross_validated,
+            )
             for c in self.contents.candidates
         ]
 
