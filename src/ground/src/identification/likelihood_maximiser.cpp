@@ -1,5 +1,6 @@
 #include "likelihood_maximiser.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
