@@ -2,6 +2,7 @@
 // can be simulated.
 #include <cstdint>
 #include <cstdlib>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -22,6 +23,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   state.nu << 0.3, -0.1, 1;
   ground::Thrusters<double> input = ground::Thrusters<double>::filled(model.thrusters->size(), 0.25);
   input(0) = 0.5;
-  dynamics.derivative(0, state, input, 1);
+  dynamics.derivative(0, state, input, {1.0, std::nullopt});
   return 0;
 }
