@@ -13,7 +13,7 @@ from nav_msgs.msg import Path
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-ENDS = 600  # longest discovery, wall time [s]
+ENDS = 1200  # longest discovery, wall time [s]
 
 
 def points(rows):
