@@ -13,7 +13,8 @@ from unittest import mock
 
 import pytest
 
-from conftest import ROOT, SCRIPTS
+import ground
+from conftest import ROOT, SCRIPTS, identify
 from ground import _core, cli
 
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
@@ -137,7 +138,8 @@ def test_the_version_is_that_of_the_newest_release_in_the_change_log():
     changes = (ROOT / "CHANGELOG.md").read_text()
     newest, *older = re.findall(r"^## \[(.+)\]( - \d{4}-\d\d-\d\d)?$", changes, re.M)
     assert newest == ("Unreleased", "") and all(date for _, date in older)
-    assert versions == {older[0][0]} == {_core.version}
+    assert versions == {older[0][0]} == {_core.version} == {ground.__version__}
+    assert ground.__version__ in identify("--version").stdout
 
 
 def test_every_effect_has_its_equation():

@@ -116,7 +116,11 @@ __all__ = [  # the names of _PUBLIC, repeated for type checkers
 
 
 def __getattr__(name: str) -> Any:
-    value = globals()[name] = _public.public(name)
+    if name == "__version__":
+        from ground._core import version as value
+    else:
+        value = _public.public(name)
+    globals()[name] = value
     return value
 
 

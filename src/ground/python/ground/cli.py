@@ -24,6 +24,13 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, "%s: %s (%s --help lists the options)\n" % (self.prog, message, self.prog))
 
 
+class _Version(argparse.Action):
+    """Prints the version, which the core knows."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        parser.exit(message="ground %s\n" % importlib.import_module("ground._core").version)
+
+
 class Verb(NamedTuple):
     """A verb of identify, or a program of one verb."""
 
@@ -146,6 +153,7 @@ def _inputs(arguments: argparse.Namespace) -> Iterator[str]:
 def _parser(used: Optional[Sequence[str]] = None) -> argparse.ArgumentParser:
     """The parser of identify. used: names of the verbs whose options are needed (all)."""
     parser = _Parser(prog="identify", description="Identifies the hovercraft from recordings.")
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version of ground, and exit")
     subparsers = parser.add_subparsers(dest="verb", metavar="VERB")
     subparsers.required = True
     for verb in VERBS:
