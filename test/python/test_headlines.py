@@ -144,6 +144,14 @@ def test_an_effect_is_as_certain_as_its_interval_says(report):
         assert word in told and ("ertain." in told) == (part < 0.8), told
 
 
+def test_an_effect_that_does_not_help_to_predict_is_not_confirmed(report):
+    found, improved = copy.deepcopy(report), report["prediction"]["errors"]["improved"]
+    for factor, confirmed in ((2.0, True), (0.9, False)):
+        found["prediction"]["errors"]["refitted"] = {name: factor * e for name, e in improved.items()}
+        told = lines_of(found)[0][1]
+        assert ("ertain." in told, "not confirmed" in told) == (confirmed, not confirmed), told
+
+
 def test_what_swings_is_named_where_an_effect_was_refuted_too(report):
     """The next step is to switch it off."""
     dropped = dict(effect="input_delay", parameters={}, why="it fails", p=0.1, p_corrected=1.0, change=None)

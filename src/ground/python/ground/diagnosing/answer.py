@@ -186,10 +186,18 @@ def _certainty(report: DiagnosisReport, step: AddedEffect) -> str:
         return "%s in the runs fitted to; the runs that you held out cannot confirm it" % sure
     if not fitted.is_better:
         return "Seen, not confirmed: parts of the runs that were held out cannot confirm it"
+    if _predicts_as_well_without(report):
+        return "Seen, not confirmed: a refit without effects predicts as well"
     if step.p_interval > DENIED:
         return "Seen, not confirmed: with what single runs differ by, it may be nothing at all"
     is_like = _rest(report) or _at_ends(report, step.added)
     return sure + (" that something acts like it" if is_like else "")
+
+
+def _predicts_as_well_without(report: DiagnosisReport) -> bool:
+    """Whether the refitted model without effects predicts no worse than the improved one."""
+    errors = report.prediction.errors if report.prediction else {}
+    return "refitted" in errors and ratio(errors["improved"], errors["refitted"]) >= 1
 
 
 def _at_ends(report: DiagnosisReport, name: str) -> List[str]:
