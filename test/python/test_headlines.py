@@ -148,8 +148,9 @@ def test_an_effect_that_does_not_help_to_predict_is_not_confirmed(report):
     found, improved = copy.deepcopy(report), report["prediction"]["errors"]["improved"]
     for factor, confirmed in ((2.0, True), (0.9, False)):
         found["prediction"]["errors"]["refitted"] = {name: factor * e for name, e in improved.items()}
-        told = lines_of(found)[0][1]
+        (_, told), *lines = lines_of(found)
         assert ("ertain." in told, "not confirmed" in told) == (confirmed, not confirmed), told
+        assert ("record more runs" in dict(lines)["Next"]) != confirmed, lines
 
 
 def test_what_swings_is_named_where_an_effect_was_refuted_too(report):
