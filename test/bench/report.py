@@ -28,9 +28,6 @@ Each section says by which command, when and on which computer it was measured; 
 differs.
 
 MACHINES
-
-`OPTIONS="--kinds pairs --count 10"` runs a part of a bench, `OPTIONS=--help` lists the options.
-`bench-commands`, `bench-hidden`, `bench-mujoco` and `bench-discover` continue where they were interrupted.
 """
 COLUMNS = ("what", "value", "interval", "of", "measured")
 
