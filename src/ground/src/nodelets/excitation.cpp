@@ -9,6 +9,7 @@
 
 #include "ground/control/excitation_pilot.h"
 #include "ground/nodelets/controller.h"
+#include "ground/nodelets/controls.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
