@@ -28,7 +28,8 @@ class _Version(argparse.Action):
     """Prints the version, which the core knows."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        parser.exit(message="ground %s\n" % importlib.import_module("ground._core").version)
+        print("ground", importlib.import_module("ground._core").version)
+        parser.exit()
 
 
 class Verb(NamedTuple):
