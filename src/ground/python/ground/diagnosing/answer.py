@@ -295,9 +295,9 @@ def _next(report: DiagnosisReport, folder: str) -> str:
     if kind == "undecided":
         return "record more and longer runs, over the same places, with other commands"
     judged = [one for step in report.steps for one in (step.judged.fitted, step.judged.holdout)]
-    open_judged = any(one is not None and not one.is_better for one in judged)
-    doubted = any(step.p_interval > DENIED or _predicts_as_well_without(report) for step in report.steps)
-    if open_judged or doubted:
+    is_open = any(one is not None and not one.is_better for one in judged)
+    is_open |= any(step.p_interval > DENIED for step in report.steps)
+    if is_open or (report.steps and _predicts_as_well_without(report)):
         return "record more runs and diagnose all of them together, to confirm or refute it"
     if open_still:
         return "record more and longer runs to see whether more is missing; the model is usable now"
