@@ -34,7 +34,7 @@ ABOUT, MOST, LEAST = "", "at most ", "at least "
 
 @dataclass(frozen=True)
 class Claim:
-    """What is said of a rate."""
+    """What is claimed of a rate."""
 
     what: str
     rate: float
@@ -42,21 +42,21 @@ class Claim:
 
 
 CLAIMS = {
-    "ranking of 2": Claim("compare: two equally good models are set apart", 0.05, MOST),
-    "ranking of 5": Claim("compare: any of five equally good models is set apart", 0.05, MOST),
-    "ranking": Claim("compare: two mirrored models are set apart, recordings", 0.05, MOST),
+    "ranking of 2": Claim("compare: two equally good models are distinguished", 0.05, MOST),
+    "ranking of 5": Claim("compare: any of five equally good models is distinguished", 0.05, MOST),
+    "ranking": Claim("compare: two mirrored models are distinguished, recordings", 0.05, MOST),
     "change": Claim("add: the interval of the change of the error holds it, four runs", 0.95),
     "change of one": Claim("add: the same, one run whose windows are alike", 0.95),
-    "helps": Claim("add: an effect that is not there is said to help, recordings", 0.025, MOST),
-    "disagree of 20": Claim("fit: any of 20 clean runs is said to disagree", 0.01, MOST),
-    "disagree": Claim("fit: any of four clean runs is said to disagree, recordings", 0.01, MOST),
+    "helps": Claim("add: an absent effect is reported to help, recordings", 0.025, MOST),
+    "disagree of 20": Claim("fit: any of 20 clean runs is reported to disagree", 0.01, MOST),
+    "disagree": Claim("fit: any of four clean runs is reported to disagree, recordings", 0.01, MOST),
     "intervals": Claim("fit: 95% intervals hold the truth, recordings", 0.95),
-    "known": Claim("fit --prior: any of five right priors is said to be contradicted", 0.01, MOST),
-    "prior": Claim("fit --prior: any of two right priors is said to be contradicted, recordings", 0.01, MOST),
+    "known": Claim("fit --prior: any of five right priors is reported as contradicted", 0.01, MOST),
+    "prior": Claim("fit --prior: any of two right priors is reported as contradicted, recordings", 0.01, MOST),
     "band": Claim("fit: a band of 80% holds 80% of the samples of a new run, recordings", 0.8, LEAST),
     "gains": Claim("bench: p below 5% where thrusters are equal", 0.05),
     "thrust": Claim("bench: the 95% interval of k holds it", 0.95, LEAST),
-    "same": Claim("diagnose: any of five parameters is said to differ between equal runs", 0.01, MOST),
+    "same": Claim("diagnose: any of five parameters is reported to differ between equal runs", 0.01, MOST),
     "mean, equal": Claim("diagnose: the interval holds the mean of five equal runs", 0.95, LEAST),
     "mean, alike": Claim("diagnose: the same, runs differ as much as each is uncertain", 0.95),
     "mean, apart": Claim("diagnose: the same, runs differ three times as much", 0.95),
@@ -64,7 +64,7 @@ CLAIMS = {
     "extreme": Claim("diagnose: agreement is denied, of numbers with heavy tails", 0.01, MOST),
     "agreement": Claim("diagnose: agreement is denied, recordings", 0.01, MOST),
     "likelihood": Claim("diagnose: 95% intervals hold the truth, recordings", 0.95, LEAST),
-    "differ": Claim("diagnose: any parameter is said to differ between equal runs, recordings", 0.01, MOST),
+    "differ": Claim("diagnose: any parameter is reported to differ between equal runs, recordings", 0.01, MOST),
     "prediction": Claim("diagnose: a band of 90% holds a pose of a run held out, recordings", 0.9),
 }  # fmt: skip
 

@@ -21,7 +21,7 @@ HEAD = """\
 # Benchmarks
 
 `make bench-report` writes this page from `test/bench/figures.json`, after taking what the benches have left
-in `build/`. Intervals are those of 95% (Clopper and Pearson 1934 for rates) unless stated otherwise; "of" is
+in `build/`. Intervals are 95% (Clopper and Pearson 1934 for rates) unless stated otherwise; "of" is
 the number of cases. [Limits](limits.md) says what the rates mean.
 
 Each section says by which command, when and on which computer it was measured; a row says so where it

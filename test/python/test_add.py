@@ -37,7 +37,7 @@ def test_the_error_falls_to_the_noise(tmp_path, lagging):
     assert model.provenance.error_after["heldout"] == error_of(report, "heldout")
     extra = ["--model", out, "-o", tmp_path / "x.yaml", "--details"]
     text = identify("add", "input_delay", *lagging, *extra).stdout
-    assert "noise of the poses alone" in text and "each run by a fit to the others" in text
+    assert "noise floor" in text and "each run by a fit to the others" in text
 
 
 def test_a_model_that_is_not_better_is_named_so(tmp_path, lagging):

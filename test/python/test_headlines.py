@@ -22,7 +22,7 @@ from ground.support.quantities import with_interval
 
 ERROR = r"(\d+(\.\d+)? (mm|m), \d+(\.\d+)? deg|not finite)"
 PREDICTION = (
-    r"Prediction after [\d.]+ s: +%s -> %s \((?:the mocap alone|as well as the mocap measures): %s"
+    r"Prediction after [\d.]+ s: +%s -> %s \((?:at the )?noise floor: %s"
     % (ERROR, ERROR, ERROR)
 )
 LABEL = r"^([A-Z][^:]{2,21}): +\S"

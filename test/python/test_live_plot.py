@@ -115,7 +115,7 @@ def test_predictions_are_off_in_millimetres_and_degrees_beside_the_noise(window)
         assert len(found) == 3
         for values, size in zip(found, sizes):
             assert of_size(values, size)
-    assert told(window)[2] == "tiny_whoover: 56 mm, 16 deg after 0.5 s (noise alone: 3.0 mm, 1.0 deg)"
+    assert told(window)[2] == "tiny_whoover: 56 mm, 16 deg after 0.5 s (noise floor: 3.0 mm, 1.0 deg)"
     drive(window.feed, 1010, 1, excited=False)
     window.redraw()
     assert "no excitation" in told(window)[2]
@@ -134,7 +134,7 @@ def test_a_pause_keeps_the_curves_and_the_cursor_shows_their_values(window):
     under = diagram(window, "yaw rate").plot.vb
     window._point(under.mapViewToScene(live_plot.QtCore.QPointF(-5.0, 0.6)))
     title = re.sub("<[^>]*>", "", diagram(window, "prediction off in position").title)
-    assert "noise alone 3 " in title and title.endswith("tiny_whoover 56")
+    assert "noise floor 3 " in title and title.endswith("tiny_whoover 56")
     QTest.keyClick(window, live_plot.QtCore.Qt.Key_Space)
     assert curves(window, "prediction off in position")[0][0][0] < kept[0][0][0]
 

@@ -78,7 +78,7 @@ def test_the_page_of_a_diagnosis(diagnosed, browser):
     )
     given, refitted, improved = bars
     assert min(given, refitted) > 3 * improved > 0
-    assert lines[0] == pytest.approx(improved, rel=0.5)  # what the mocap alone leaves
+    assert lines[0] == pytest.approx(improved, rel=0.5)  # noise floor
 
 
 def test_the_path_shows_the_zoomed_time_span(diagnosed, browser):

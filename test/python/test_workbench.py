@@ -202,7 +202,7 @@ def error(state, node=None):
 
 
 def test_1_dragging_a_parameter_moves_the_curves(page, bench):
-    assert "Prediction after 1 s" in page.text("number") and "the mocap alone" in page.text("number")
+    assert "Prediction after 1 s" in page.text("number") and "noise floor" in page.text("number")
     assert "of 22.0 s usable, 100 Hz" in page.text("runs")
     assert "% of full thrust" in page.text("worst") or "% of the moment of full thrust" in page.text("worst")
     page.picture("1_first")
@@ -302,7 +302,7 @@ def test_5_a_formula_is_read_judged_and_added(page, bench):
     page.until("S.nodes.length === %d" % (count + 1), 300)
     assert error(bench.state()) < 0.5 * before
     page.settled()
-    assert "as well as the mocap measures" in page.text("number")
+    assert "at the noise floor" in page.text("number")
     assert page.text("worst") == "nothing stands out of the noise"
     page.picture("5_added")
 

@@ -41,22 +41,22 @@ class Verb(NamedTuple):
 
 
 WORKBENCH = Verb(
-    "workbench", "workshop.workbench", "a page to fit, look where the model fails, and add what is missing"
+    "workbench", "workshop.workbench", "serves a page to fit a model, see where it fails, and add effects"
 )
 VERBS = [
-    Verb("import", "data.import_csv", "converts CSV of rostopic echo -p to a bag"),
-    Verb("info", "data.info", "contents and oddities of recordings, and their usable parts"),
-    Verb("bench", "fitting.bench", "fits thrust, its curve and gains to forces of a bench (thesis 3.2)"),
+    Verb("import", "data.import_csv", "converts CSV from rostopic echo -p to a bag"),
+    Verb("info", "data.info", "reports contents, oddities and usable parts of recordings"),
+    Verb("bench", "fitting.bench", "fits thrust, its curve and gains to bench forces (thesis 3.2)"),
     Verb("simulate", "simulation.simulate", "records a simulated experiment to a bag, without ROS running"),
     Verb("fit", "fitting.fit", "fits a model's parameters to recordings by simulation error"),
-    Verb("compare", "comparing.compare", "models against recordings: errors, where they come from, pictures"),
-    Verb("diagnose", "diagnosing.diagnose", "which physical effect a model lacks, and the model with it"),
-    Verb("discover", "discovery.discover", "a simulated craft flies and finds its own physics"),
+    Verb("compare", "comparing.compare", "compares models with recordings: errors, their causes, pictures"),
+    Verb("diagnose", "diagnosing.diagnose", "finds the physical effects that a model lacks, and adds them"),
+    Verb("discover", "discovery.discover", "lets a simulated craft find its own physics"),
     Verb("add", "fitting.add", "adds an effect to a model, refits it, and shows the error before and after"),
-    Verb("history", "ledger.history", "what drifts, what jumped, and which craft is odd, over many runs"),
+    Verb("history", "ledger.history", "reports drifts, jumps and odd craft over many runs"),
     WORKBENCH,
-    Verb("export", "exporting.export", "a model as NumPy, CasADi or C code; a run as MCAP for viewers"),
-    Verb("tracking", "control.tracking", "how recorded crafts followed their reference"),
+    Verb("export", "exporting.export", "exports a model as NumPy, CasADi or C code; a run as MCAP"),
+    Verb("tracking", "control.tracking", "reports how craft followed their reference"),
 ]
 TRACK = Verb("track", "control.track", "drives a simulated craft along a reference, without ROS running")
 TUNE = Verb("tune", "control.tune", "searches for the gains of a controller in closed loop, on all cores")
@@ -154,7 +154,7 @@ def _inputs(arguments: argparse.Namespace) -> Iterator[str]:
 def _parser(used: Optional[Sequence[str]] = None) -> argparse.ArgumentParser:
     """The parser of identify. used: names of the verbs whose options are needed (all)."""
     parser = _Parser(prog="identify", description="Identifies the hovercraft from recordings.")
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version of ground, and exit")
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version of ground and exit")
     subparsers = parser.add_subparsers(dest="verb", metavar="VERB")
     subparsers.required = True
     for verb in VERBS:

@@ -40,7 +40,7 @@ EffectUse wholeModelUse(const Model& model) {
   if (model.stateCount() > kMaxStates)
     use.refusal = "the effects of this model have " + std::to_string(model.stateCount()) +
                   " states, and the controller follows " + std::to_string(kMaxStates) +
-                  " at most: take effects with states out of its model";
+                  " at most: remove effects with states from its model";
   return use;
 }
 

@@ -220,7 +220,7 @@ void PredictiveControl::observe(const Observation& seen) {
 
 std::string PredictiveControl::objection() const {
   if (observer_.started()) return "";
-  return "states have no pose as it was measured: who publishes them has to fill in pose and pose_covariance";
+  return "states have no measured pose: their publisher must fill in pose and pose_covariance";
 }
 
 Thrusters<double> PredictiveControl::decide(const Observation& seen) {

@@ -202,12 +202,12 @@ ReferencePtr makeSpline(const std::vector<double>& times, const std::vector<Posi
 }
 
 ReferencePtr makeWaypoints(const std::vector<Position>& points, double speed, bool smooth) {
-  require(points.size() >= 2, "a way needs at least two points");
-  require(speed > 0, "a way needs a positive speed");
+  require(points.size() >= 2, "a path needs at least two points");
+  require(speed > 0, "a path needs a positive speed");
   std::vector<double> distances = {0};
   for (std::size_t i = 1; i < points.size(); ++i) {
     distances.push_back(distances.back() + (points[i] - points[i - 1]).norm());
-    require(distances[i] > distances[i - 1], "a way needs neighbouring points to be different");
+    require(distances[i] > distances[i - 1], "neighbouring points of a path must be different");
   }
   const double length = distances.back();
   const Pace pace(length, speed, smooth);

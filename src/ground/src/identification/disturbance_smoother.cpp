@@ -53,7 +53,7 @@ struct Prediction {
   }
 };
 
-/// The derivative of the wrench in the body's frame by the state, at a heading.
+/// The derivative of the wrench in the body frame by the state, at a heading.
 WrenchByState wrenchByState(double heading) {
   WrenchByState W = WrenchByState::Zero();
   W.middleCols<3>(kSlow).setIdentity();

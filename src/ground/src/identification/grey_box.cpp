@@ -228,7 +228,7 @@ GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double c
   if (acting.cols() % 3 != 0 ||
       (acting.cols() > 0 && acting.rows() != static_cast<Eigen::Index>(runs_[at].times.size())) ||
       !acting.allFinite())
-    throw std::invalid_argument("acting wrenches need a finite row a sample and three columns each");
+    throw std::invalid_argument("acting wrenches need a finite row per sample and three columns each");
   DisturbanceFilter filter(runs_[at]);
   requireFinite(filter.run(point.model, levelsOf(point, at), cap));
   const auto count = static_cast<Eigen::Index>(filter.samples().size());

@@ -36,7 +36,7 @@ void checkRun(const RunData& run) {
   for (const double scale : {scales.max_gap, scales.linear_jerk, scales.angular_jerk, scales.window})
     require(scale > 0, "its scales must be positive");
   require((run.wrench.rows() == count || run.wrench.rows() == 0) && run.wrench.allFinite(),
-          "the known wrench is not finite or has not a row a sample");
+          "the known wrench is not finite or lacks rows");
   const InertialData& inertial = run.inertial;
   require(inertial.values.rows() == static_cast<Eigen::Index>(inertial.times.size()) &&
               inertial.values.allFinite() && ascends(inertial.times),

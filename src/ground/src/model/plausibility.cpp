@@ -148,7 +148,7 @@ Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& 
   std::ostringstream text;
   const double value = body.*key.place;
   text << key.name << ": " << withUnit(value, key.unit) << " is implausible: " << ratio.meaning << ' '
-       << withUnit(ratio.value(body), ratio.unit) << "; crafts have ";
+       << withUnit(ratio.value(body), ratio.unit) << "; craft have ";
   if (std::isinf(ratio.upper)) {
     text << "more than " << withUnit(ratio.lower, ratio.unit);
   } else {

@@ -52,7 +52,7 @@ double YamlReader::number(const YAML::Node& node, const std::string& key) const 
   double value = 0;
   if (!node.IsScalar() || !YAML::convert<double>::decode(node, value)) {
     const bool comma = node.IsScalar() && node.Scalar().find(',') != std::string::npos;
-    fail(node, key + " must be a number" + (comma ? ", with a point in place of the comma" : ""));
+    fail(node, key + " must be a number" + (comma ? ", with a point instead of the comma" : ""));
   }
   if (std::isnan(value)) fail(node, key + " must not be NaN");
   return value;

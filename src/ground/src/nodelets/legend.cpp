@@ -68,7 +68,7 @@ void addModel(LegendLines& lines, const ground_msgs::ModelError& error, bool is_
   lines.push_back({error.model + ": " + inWords(error.position_error, error.heading_error) + " after " +
                        seconds(error.horizon) + " s" + (is_better ? ", better" : ""),
                    color});
-  lines.push_back({"    noise alone: " + inWords(error.position_noise, error.heading_noise), color});
+  lines.push_back({"    noise floor: " + inWords(error.position_noise, error.heading_noise), color});
 }
 
 visualization_msgs::MarkerArray legendMarkers(const LegendLines& given, const std::string& frame,

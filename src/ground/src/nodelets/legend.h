@@ -16,7 +16,7 @@ struct LegendLine {
 
 using LegendLines = std::vector<LegendLine>;
 
-/// Adds how far a model is off, beside what noise alone leaves, and since when it has failed.
+/// Adds how far a model is off, beside the noise floor, and since when it has failed.
 void addModel(LegendLines& lines, const ground_msgs::ModelError& error, bool is_better,
               const std::string& color);
 /// Two digits, as in "0.45", "62", "560".

@@ -237,7 +237,7 @@ class LiveComparison : public Shell {
     const std::string failing = failureText(since);
     if (!failing.empty()) {
       const double from = std::floor(since.array().isFinite().select(since, kMax).minCoeff());
-      message.failure = "does not predict " + failing;
+      message.failure = "has not predicted " + failing;
       message.next = "rosrun ground identify diagnose BAG --model " + c.file + " --from " +
                      std::to_string(std::max(0L, std::lround(from)));
     }
@@ -245,7 +245,7 @@ class LiveComparison : public Shell {
     if (failing.empty()) {
       NODELET_INFO("live_comparison: %s predicts the motion again", c.name.c_str());
     } else {
-      NODELET_WARN("live_comparison: %s %s; what is missing, by the recording: %s", c.name.c_str(),
+      NODELET_WARN("live_comparison: %s %s; to find what is missing: %s", c.name.c_str(),
                    message.failure.c_str(), message.next.c_str());
     }
   }

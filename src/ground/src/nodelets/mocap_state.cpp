@@ -140,7 +140,7 @@ class MocapState : public Shell {
     if (!has_sensors_ || used == sensors_used_) return;
     sensors_used_ = used;
     const std::string name = "mocap_state: gyro and accelerometer ";
-    if (used) log_.info(name + "agree with the poses and count");
+    if (used) log_.info(name + "agree with the poses; now used");
     if (!used) log_.warn(name + "do not count: " + estimator_.inertial().status());
   }
 

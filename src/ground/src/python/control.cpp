@@ -152,7 +152,7 @@ void defBound(py::module_& module) {
              "Largest acceleration of a craft by its thrusters [m/s^2].");
   module.def(
       "fence_bound", [full](const Room& room, const Model& model) { return fenceBound(room, full(model)); },
-      "room"_a, "model"_a, "Speeds up to which nobody leaves a room, in words.");
+      "room"_a, "model"_a, "Speeds up to which a craft stays inside, in words.");
   module.def(
       "largest_safe_speed",
       [full](const Room& room, const Model& model, double push, double blind, double thrust_error) {

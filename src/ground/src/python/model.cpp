@@ -192,7 +192,7 @@ void defModel(py::module_& module) {
       .def_readwrite("disturbance", &Model::disturbance)
       .def_readwrite("provenance", &Model::provenance)
       .def_property_readonly("input_max", [](const Model& m) { return m.body.input_max; })
-      .def_property("volts", &voltsOf, &setVolts, "Voltage of the battery at which k holds [V]; 0: not told.")
+      .def_property("volts", &voltsOf, &setVolts, "Voltage of the battery at which k holds [V]; 0: unknown.")
       .def_property_readonly("effects",
                              [](const Model& m) {
                                std::vector<std::string> names;

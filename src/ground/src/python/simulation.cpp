@@ -274,7 +274,7 @@ void bindSimulation(py::module_& module) {
   defHazards(module);
   defExperiments(module);
   module.def("sense", &sense, "nu"_a, "nu_dot"_a, "seed"_a,
-             "What a simulated gyro and accelerometer tell of a motion (n, 3), in the flight controller's "
+             "What a simulated gyro and accelerometer measure (n, 3), in the flight controller's "
              "units: yaw rate, acceleration ahead and to starboard.");
 }
 

@@ -250,7 +250,7 @@ void GroundLink::watch(double now) {
   if (commandsStale(now)) return fault(now, because("commands are stale", command_problem_));
   // It may have restarted, and must not receive thrust when it returns.
   if (craftSilent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
-  if (receivesNoCommands()) return disobeyed(now, "its count of received commands stands still");
+  if (receivesNoCommands()) return disobeyed(now, "its count of received commands has stopped");
   if (!send_problem_.empty() && sent_until_ <= now)
     return fault(now, because("packets cannot be sent", send_problem_));
   watchState(now);

@@ -71,7 +71,7 @@ class ModelMonitor {
     Vector3<double> wrench_noise;   ///< its standard deviations by the noise of the poses
     PoseError now;                  ///< size of eta
     PoseError rms;                  ///< root mean square over the window, while the craft has lift
-    PoseError noise;                ///< the same for a right model, by the noise of the poses alone
+    PoseError noise;                ///< the same for a right model, by pose noise
     bool excited;                   ///< with lift, it moves or should move by far more than noise
     double covered;                 ///< time in the window covered by errors [s]
     Vector3<double> failing_since;  ///< FailureWatch::since; a new drive begins anew
@@ -133,7 +133,7 @@ class ModelMonitor {
 
 /// Which of two models currently predicts better.
 struct Preference {
-  double difference = 0;      ///< error of the first minus error of the second model [noise alone is 1]
+  double difference = 0;      ///< error of the first minus error of the second model [the noise floor is 1]
   double standard_error = 0;  ///< standard error of the difference, by blocks of one horizon
   bool clear() const { return std::abs(difference) > 2 * standard_error && standard_error > 0; }
 };

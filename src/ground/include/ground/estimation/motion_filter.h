@@ -38,7 +38,7 @@ struct AxisFilter {
   Eigen::Vector3d smoothed(const Eigen::Vector3d& later, double dt, double q) const;
 };
 
-/// The motion of a craft from poses, live and recorded: x, y and psi in the world's frame, each with
+/// The motion of a craft from poses, live and recorded: x, y and psi in the world frame, each with
 /// constant acceleration driven by white jerk.
 ///
 /// A pose is rejected if one of its innovations is outside the gate, or if the craft would be faster than

@@ -114,7 +114,7 @@ struct Forecast {
 ///
 /// w: yaw rate and specific force at the IMU's place, means over the step between two poses, of runs that
 /// have InertialData.
-/// d is an Ornstein-Uhlenbeck plus a white wrench in the body's frame, d_w an Ornstein-Uhlenbeck
+/// d is an Ornstein-Uhlenbeck plus a white wrench in the body frame, d_w an Ornstein-Uhlenbeck
 /// force in the room's. The wrench b and the
 /// relative change of thrust s are constant in a run and normal over the runs. e is white noise of
 /// the poses.

@@ -6,7 +6,7 @@
 
 namespace ground {
 
-/// A random wrench that acts in addition to the model, in the body's frame: X, Y [N], N [N m]. Each
+/// A random wrench that acts in addition to the model, in the body frame: X, Y [N], N [N m]. Each
 /// channel is the sum of an Ornstein-Uhlenbeck process, white noise and a constant that differs
 /// from run to run. The thrust also differs from run to run. Dynamics does not include the
 /// disturbance: simulators and estimators add it.

@@ -16,7 +16,7 @@ struct InertialMeasurement {
 };
 
 /// What is measured at a stamp, before any filter: its errors are independent of the errors at other stamps.
-/// Filters with the craft's model use it in place of the filtered state, whose errors are not.
+/// Filters with the craft's model use it instead of the filtered state, whose errors are not.
 struct PoseMeasurement {
   /// x, y [m], psi [rad], which may be wrapped, world_ned; NaN: no pose.
   Vector3<double> eta = Vector3<double>::Constant(std::numeric_limits<double>::quiet_NaN());

@@ -84,7 +84,7 @@ class Trace {
   /// Derivative of y by a variable x. Throws std::invalid_argument if a function on the way has none
   /// here.
   Symbol derivative(const Symbol& y, const Symbol& x);
-  /// y with a number in place of the variable x. Relations between parameters are decided by their
+  /// y with a number instead of the variable x. Relations between parameters are decided by their
   /// values.
   Symbol at(const Symbol& y, const Symbol& x, double number);
 

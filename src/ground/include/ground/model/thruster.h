@@ -65,7 +65,7 @@ struct Foil {
   double drag = 1;       ///< share of the force along the foil that the craft feels
 };
 
-/// A thruster of a craft, fixed in the body's frame, or the angle of a foil or of a thruster that
+/// A thruster of a craft, fixed in the body frame, or the angle of a foil or of a thruster that
 /// turns. Each has a channel of commands.
 struct Thruster {
   enum class Kind { kThruster, kTurn, kFoil };

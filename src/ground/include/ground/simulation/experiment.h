@@ -72,7 +72,7 @@ using ControlLaw = std::function<Eigen::VectorXd(const Vector3<double>& eta, con
 struct TrackingParams : DriveParams {
   ReferenceParams reference;
   ControllerChoice controller;
-  ControlLaw law;  ///< drives in place of `controller`; empty: it does not
+  ControlLaw law;  ///< drives instead of `controller`; empty: it does not
   /// Error at which TrackingWatch stops it [m]; 0: defaultMaxError; infinity: never.
   double max_error = 0;
 };

@@ -49,7 +49,7 @@ class WindowErrors:
 
     measured: float  # of the real recordings
     expected: float  # of the artificial recordings
-    noise: float  # of artificial recordings with the poses' noise alone; NaN where the motion is not finite
+    noise: float  # of artificial recordings with only pose noise; NaN where the motion is not finite
 
 
 @dataclass(frozen=True)

@@ -209,7 +209,7 @@ def _fields(scales: Scales) -> Iterator[Row]:
 
 def wrenches(features: Sequence[Feature], model: _core.Model, sampled: Samples) -> Array:
     """Wrenches (n, 3, features) of features at a run's samples, in their own units: X, Y, N in the
-    body's frame."""
+    body frame."""
     acting = {**_directions(model, sampled), **dict(zip("XYN", np.eye(3)[:, None]))}
     result = np.zeros((len(sampled.times), 3, len(features)))
     done: Dict[str, Array] = {}

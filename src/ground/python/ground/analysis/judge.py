@@ -1,4 +1,4 @@
-"""The judge of every answer: the poses that it predicts, on data that decided nothing.
+"""The judge of every answer: the poses that it predicts, on data that influenced nothing.
 
 Hypotheses - a model with an effect or a formula and the model without it, one way of fitting and another -
 predict the same poses at the horizon that suits the craft, each part of the runs by a fit to the others.

@@ -2,7 +2,7 @@
 effects.
 
 The disturbance is part of the model (_core.GreyBox): an Ornstein-Uhlenbeck and a white wrench in
-the body's frame, an Ornstein-Uhlenbeck force along the axes of the room, wrench and thrust that
+the body frame, an Ornstein-Uhlenbeck force along the axes of the room, wrench and thrust that
 differ from run to run, white noise of the poses.
 Parameters and levels are fitted together.
 """

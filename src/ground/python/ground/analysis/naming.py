@@ -115,7 +115,7 @@ def _shortened(likelihood: Likelihood, fit: LikelihoodFit, made: Formula) -> For
 
 
 def _simplified(likelihood: Likelihood, fit: LikelihoodFit, made: Formula) -> Formula:
-    """A Formula of pieces with a factor less, or a variable in place of its wave, where that is as likely."""
+    """A Formula of pieces with a factor less, or a variable instead of its wave, where that is as likely."""
     for i, piece in enumerate(made.pieces):
         for simpler in piece.simpler:
             pieces = [*made.pieces[:i], simpler, *made.pieces[i + 1 :]]

@@ -118,7 +118,7 @@ def disturbance(
     run: _core.RunData, model: _core.Model, kind: str
 ) -> Tuple[_core.GreyBox, _core.GreyBoxPoint]:
     """The likelihood of a run's poses, and its maximum over the levels of pose noise and of a wrench in the
-    body's frame: "sigma", correlated over time, or "white", which leaves everything else in the
+    body frame: "sigma", correlated over time, or "white", which leaves everything else in the
     innovations."""
     box = _core.GreyBox([thinned(run)], model)
     start = box.start(model).levels

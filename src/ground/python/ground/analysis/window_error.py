@@ -1,4 +1,4 @@
-"""The error of models over windows: fits to it, errors on held-out data, and what noise alone would leave."""
+"""The error of models over windows: fits to it, errors on held-out data, and their noise floor."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple
@@ -317,7 +317,7 @@ def _with_thrust(model: _core.Model, change: float) -> _core.Model:
 
 
 def noise_floor(runs: Sequence[_core.RunData], model: _core.Model, seed: int = 1) -> Array:
-    """Mean |e|/s of u, v, r (3,) that pose noise alone would leave if the model were true.
+    """Mean |e|/s of u, v, r (3,) that pose noise would leave if the model were true.
 
     The model is simulated along each stretch without a gap. Its poses get the measured noise and are
     smoothed as the recording was; s is the recording's. NaN, with a warning, where the motion is
@@ -328,7 +328,7 @@ def noise_floor(runs: Sequence[_core.RunData], model: _core.Model, seed: int = 1
         artificial = [recorded(run, model, random) for run in runs]
         return channel_errors(artificial, windows.cut(runs), model, truth=runs)
     except Diverged as error:
-        warn("what the noise of the poses alone would leave is not known: %s" % error)
+        warn("the noise floor is not known: %s" % error)
         return np.full(3, np.nan)
 
 
@@ -368,7 +368,7 @@ def recorded(
 
 def pushes(run: _core.RunData, levels: Mapping[str, float], random: Random) -> Tuple[Array, Array]:
     """Random pushes of some levels of the likelihood, Ornstein-Uhlenbeck and white noise, at a run's samples,
-    each until the next: a wrench (n, 3) X, Y [N], N [N m] in the body's frame, and a force (n, 2) [N] along
+    each until the next: a wrench (n, 3) X, Y [N], N [N m] in the body frame, and a force (n, 2) [N] along
     the axes x, y of the room."""
     steps = np.maximum(np.diff(np.array(run.times), append=run.times[-1] + 1e-3), 1e-4)
     wrench = np.empty((len(steps), 3))

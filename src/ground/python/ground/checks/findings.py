@@ -65,7 +65,7 @@ def describe(
     runs: Sequence[RepairedRun], every: Optional[Sequence[suspicions.Suspicion]] = None
 ) -> List[Document]:
     """`described` of runs, with the runs that have the same inputs. every: Suspicions of the craft, of which
-    each run has those that are about it alone, in place of its own."""
+    each run has those that are about it alone, instead of its own."""
     pairs, found = same_inputs(runs), [described(run) for run in runs]
     for d in found:
         d["same_inputs_as"] = [b if a == d["name"] else a for a, b in pairs if d["name"] in (a, b)]
@@ -231,7 +231,7 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
         yield "battery", (BATTERY + UNUSABLE * bool(d["battery"]["unusable"])) % d["battery"]
     if d["authority"]:
         angles = [name for name in d["authority"] if words.ANGLES & set(words.split(name))]
-        unknown = "not told: what a thruster does changes with %s" % ", ".join(angles)
+        unknown = "not tested: what a thruster does changes with %s" % ", ".join(angles)
         yield ("thrusters", unknown if angles else "; ".join(_does(*item) for item in d["authority"].items()))
 
 
@@ -306,8 +306,8 @@ def grave(d: Document) -> Iterator[str]:
     if not d["usable"]["spans"]:
         why = max(_left_out(d), default=(0.0, "no %d poses follow each other without a gap" % SHORTEST))[1]
         if poses["third_differences"] and not any(poses["third_differences"].values()):
-            why = "all poses are the same: the mocap stood still"
-        yield "nothing of it is usable: " + why
+            why = "all poses are the same: the mocap was frozen"
+        yield "no part is usable: " + why
     if poses["stamps_out_of_order"]:
         yield "stamps out of order, sorted: %d" % poses["stamps_out_of_order"]
     if poses["frozen"]:
@@ -388,7 +388,7 @@ def _late(
     """Differences between the stamps and the instants of the frames, which a frame clock tells."""
     if lateness:
         yield (
-            "stamps are late, in bursts or by a poll: %d of %d poses came at once with the one before; "
+            "stamps are late, in bursts or from polling: %d of %d poses arrived with the previous one; "
             "the clock of the frames is rebuilt: %.2f Hz, %d frames lost, stamps late by %.1f ms in the "
             "middle and %.0f ms at most"
             % (bursts, count, rate, lost, 1e3 * lateness["median"], 1e3 * lateness["largest"])
@@ -396,7 +396,7 @@ def _late(
         if lateness["above_50_ms"]:
             yield "late bursts, stamps late by more than 50 ms: %d" % lateness["above_50_ms"]
     elif bursts:
-        yield "%d poses came at once with the one before" % bursts
+        yield "%d poses arrived with the previous one" % bursts
 
 
 def _named(items: Sequence[str]) -> str:

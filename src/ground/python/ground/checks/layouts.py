@@ -48,7 +48,7 @@ OTHER_SIGN = "heading: {sign: -1} " + POSES
 
 @dataclass(frozen=True)
 class Thruster:
-    """Where a thruster is and pushes, in the body's frame: x forward, y to the right."""
+    """Where a thruster is and pushes, in the body frame: x forward, y to the right."""
 
     name: str
     x: float  #: [m]
@@ -405,7 +405,7 @@ def _mistakes(
         yield "swap", "%s %s driven by %s" % (a, is_, b), "give %s the field of %s %s" % (a, b, CHANNELS)
     for name, channel, sign in zip(names, one.channels, one.signs):
         if sign == 0:
-            remedy = "look whether the motor of %s turns, and whether %s has the right field %s"
+            remedy = "check whether the motor of %s turns, and whether %s has the right field %s"
             words = "%s %s" % (channel, "seems to do nothing" if seem else "does nothing")
             yield "dead", words, remedy % (name, channel, CHANNELS)
     inverted = [c for c, sign in zip(one.channels, one.signs) if sign < 0]

@@ -161,10 +161,10 @@ class RepairedRun:
         if not everything:
             inside &= np.any([(times >= a) & (times <= b) for a, b in self.spans or [(1, 0)]], axis=0)
         if end is not None and end < low:
-            raise GroundError("the part asked for ends at %g s, before it starts at %g s" % (end, low))
+            raise GroundError("the requested part ends at %g s, before it starts at %g s" % (end, low))
         if inside.sum() < 10:
             raise GroundError(
-                "%s: only %d poses in the part asked for; the run is %.2f s long, usable are %.2f s "
+                "%s: only %d poses in the requested part; the run is %.2f s long, usable are %.2f s "
                 "of it (identify info says why, --all or everything=True uses the whole run)"
                 % (self.recording.name, inside.sum(), self.end, self.usable())
             )

@@ -256,7 +256,7 @@ def rest(
     if not len(times):
         return None
     wanted, nu, psi = seen(motion, inside, twisted)
-    level = np.column_stack([np.cos(psi), np.sin(psi)])  # a slope in the body's frame
+    level = np.column_stack([np.cos(psi), np.sin(psi)])  # a slope in the body frame
     base: Array = np.column_stack([kinematics.smooth_terms(nu), level])
     behind = times - (lag_of(recording) if lag is None else lag)
     commands = commands_at(recording, recording.commands_of(names), behind)

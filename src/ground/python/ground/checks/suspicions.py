@@ -123,7 +123,7 @@ def lengths(recording: Recording) -> Iterator[Suspicion]:
     if likely and (fast > units.FASTEST or hard > constants.g):
         yield Suspicion(
             "length",
-            "the craft goes %.0f m/s and the poses scatter by %.2g m: positions seem to be in %s%s"
+            "the craft reaches %.0f m/s and the poses scatter by %.2g m: positions seem to be in %s%s"
             % (fast, noise, " or ".join(likely), ", which speed and noise cannot decide" * (len(likely) > 1)),
             " or ".join("position: {unit: %s}" % unit for unit in likely) + " under poses in a mapping",
         )
@@ -131,7 +131,7 @@ def lengths(recording: Recording) -> Iterator[Suspicion]:
     if fast < MIN_SPEED and turning > TURNS and noise < FINEST:
         yield Suspicion(
             "length",
-            "the craft turns by %.2g rad/s, but goes %.1g m/s only: positions seem to be in a larger "
+            "the craft turns at %.2g rad/s, but reaches only %.1g m/s: positions seem to be in a larger "
             "unit than the mapping says" % (turning, fast),
             "position: {unit: m}, or another scale, under poses in a mapping",
         )
@@ -150,8 +150,8 @@ def missing(recording: Recording) -> Iterator[Suspicion]:
         yield Suspicion(
             "missing",
             "%.2g s after a command, %.0f%% of its effect is left: commands between the recorded ones are "
-            "missing, or their stamps are wrong by different times" % (found[2], 100 * max(found[0], 0.0)),
-            "record all commands when the craft takes them, because a fit makes the thrust smaller",
+            "missing, or their stamps are wrong by varying times" % (found[2], 100 * max(found[0], 0.0)),
+            "record all commands when the craft takes them, or a fit underestimates the thrust",
         )
 
 
@@ -213,7 +213,7 @@ def smoothing(recording: Recording) -> Iterator[Suspicion]:
         "smoothed",
         "the mocap seems to smooth at %.2g Hz (%s): %s"
         % (found.corner, found.form, "forward and backward" if found.both_ways else late),
-        "switch the filter of the mocap's software off; these poses are taken as they were before it",
+        "switch off the mocap software's filter; these poses are taken as they were before it",
     )
 
 
@@ -315,9 +315,9 @@ def _weak(recording: Recording, thrusters: Sequence[layouts.Thruster]) -> Iterat
         if most < WEAK * abs(usual):
             yield Suspicion(
                 "weak",
-                "%s turns the craft by %.2g +- %.1g rad/s2, where its place promises %.2g: it does little or "
+                "%s turns the craft by %.2g +- %.1g rad/s2, but its position gives %.2g: it does little or "
                 "nothing in this run" % (name, found[name]["turn"], error, usual * levers[name]),
-                "leave the run out, because it makes the thrust of all look smaller",
+                "leave the run out, because it makes all thrusts look smaller",
                 (recording.name,),
             )
 

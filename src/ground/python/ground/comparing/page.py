@@ -49,5 +49,5 @@ def predictions(ranking: Ranking, found: Optional[PredictionError]) -> Optional[
         return None
     labels = list(reversed(list(ranking.errors)))
     told = off(found.errors[ranking.best]), ranking.best, off(found.mocap)
-    title = "Predictions are off by %s with %s; the mocap alone leaves %s" % told
+    title = "Predictions are off by %s with %s; the noise floor is %s" % told
     return figures.predictions(found, list(zip(labels, labels)), title, ranking.fitted)

@@ -41,7 +41,7 @@ BEGIN, BEGIN_POSES = 0.1, 5
 
 @dataclass(frozen=True, repr=False)
 class Prediction(Shown, Plotted):
-    """What a model predicts of a run: it starts again and again from what was measured until then, and goes
+    """What a model predicts of a run: it restarts repeatedly from the measurements until then, and goes
     on for the horizon by the commands alone. Arrays have a row for each predicted sample and columns x, y
     [m], psi [rad] (world_ned), u, v [m/s], r [rad/s] (body).
 
@@ -73,7 +73,7 @@ class Prediction(Shown, Plotted):
 
     @property
     def residuals(self) -> Array:
-        """Measured minus predicted (n, 6), psi within a half turn."""
+        """Measured minus predicted (n, 6), psi within half a turn."""
         left = self.measured - self.predicted
         left[:, 2] = angles.wrap(left[:, 2])
         return left

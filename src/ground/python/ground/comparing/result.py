@@ -170,7 +170,7 @@ class Comparison(_Frame, Plotted):
     #: by label, then by runs (all, fit, held_out): error numbers, with the keys of RunComparison.numbers
     pooled: Dict[str, Document]
     ranking: Ranking  #: the models by their error, the best first
-    noise_floor: float  #: error that the noise of the poses alone would leave on the ranking's runs
+    noise_floor: float  #: error that pose noise would leave on the ranking's runs
     prediction: Optional[PredictionError]  #: of poses, on the ranking's runs; None: they are too short
 
     @property
@@ -259,7 +259,7 @@ class Comparison(_Frame, Plotted):
         matlab.write(path, self.models, studied, force)
 
     def save(self, folder: Path, page: bool = True, force: bool = False) -> str:
-        """Writes compare.json, the missing wrench of each run as CSV, and a page; an older comparison goes.
+        """Writes compare.json, the missing wrench of each run as CSV, and a page, replacing an older one.
 
         Parameters
         ----------

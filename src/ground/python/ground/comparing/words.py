@@ -18,7 +18,7 @@ def lines(ranking: Ranking, found: Optional[PredictionError], file: str, page: s
     head = [("Best" if len(ranking.errors) > 1 else "Model", _best(ranking, found))]
     if found:
         shown = ["%s %s" % (label, off(error)) for label, error in found.errors.items()]
-        told = "%s (the mocap alone: %s)" % ("; ".join(shown), off(found.mocap))
+        told = "%s (noise floor: %s)" % ("; ".join(shown), off(found.mocap))
         head.append((words.after(found.seconds), told))
     finds = "ground.diagnose(comparison.models[%r], RECORDINGS)" % best
     if page:
@@ -57,5 +57,5 @@ def _next(ranking: Ranking, finds: str, found: Optional[PredictionError]) -> str
     if ranking.equal:
         return "record more runs to decide, or use the simplest model"
     if not found:
-        return "use %s; record runs that are long enough to see how far its predictions are off" % best
-    return "use %s: what the mocap cannot measure explains its errors" % best
+        return "use %s; record longer runs to measure its prediction error" % best
+    return "use %s: its errors are at the noise floor" % best

@@ -90,7 +90,7 @@ class Tracking(Shown, Plotted):
         return list(self.numbers["stops"])
 
     def to_dict(self) -> Dict[str, object]:
-        """Plain values, as `track --json` prints them but for the names of files."""
+        """Plain values, as `track --json` prints them, without file names."""
         return {
             "seed": self.seed,
             "starts": len(self.runs),

@@ -27,7 +27,7 @@ saturation and effort. The search starts from the gains of the thesis, among
 others.
 The table shows starts and references that the search has not used (--holdout).
 
-A reference is one of those below, if wanted with other parameters, as in
+A reference is one of the following, optionally with other parameters, as in
 circle:size=1.5,rate_of_turn=0.8 or line:speed=0.5.
 
 """

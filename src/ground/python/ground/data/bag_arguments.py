@@ -59,7 +59,7 @@ def _span(text: str) -> Tuple[str, Tuple[float, float]]:
 def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
     """Adds --holdout."""
     parser.add_argument(
-        "--holdout", metavar="BAG", nargs="+", default=[], help="runs to test on, not fitted to"
+        "--holdout", metavar="BAG", nargs="+", default=[], help="runs for testing only"
     )
 
 

@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--write-mapping",
         metavar="M.yaml",
         dest="output",
-        help="draft a mapping file for the first recording, with what it has and why, in place of info",
+        help="draft a mapping file for the first recording, with the evidence, instead of the report",
     )
     parser.add_argument(
         "--model",

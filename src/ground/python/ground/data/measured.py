@@ -101,8 +101,8 @@ class Part:
     everything: bool = option(False, "use the whole recording, not only what info calls usable", name="--all")
     window: Optional[float] = option(
         None,
-        "length of the windows over which errors are taken [s] (1.5 times that in which full thrust moves "
-        "the craft by some lengths or turns it round)",
+        "length of windows over which errors are taken [s] (1.5 times the time full thrust takes to move "
+        "the craft some lengths or turn it round)",
         type=positive,
         metavar="S",
     )

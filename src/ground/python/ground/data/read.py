@@ -48,7 +48,7 @@ class ReadingOptions:
     pose_topic: Optional[str] = option(None, "topic of the poses", metavar="TOPIC")
     command_topic: Optional[str] = option(None, "topic of the commands", metavar="TOPIC")
     namespace: Optional[str] = option(
-        None, "namespace of the craft's topics, where a bag has several crafts", metavar="NAME"
+        None, "namespace of the craft's topics, where a bag has several craft", metavar="NAME"
     )
     body: Optional[str] = option(
         None, "child frame, or part of the topic's name, of the craft", metavar="NAME"
@@ -95,7 +95,7 @@ def read(bags: Union[Path, Iterable[Path]], *, options: ReadingOptions) -> Tuple
     Returns
     -------
     tuple of Recording
-        Runs of the same name get the names of their folders in front.
+        Runs of the same name are prefixed with their folders' names.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def _matching(path: str) -> List[str]:
 
 
 DRAFT = ".mapping.yaml"  # ends the name of a file with a drafted mapping, after the name of its run
-DRAFTED = "%s: no mapping is given; the draft leaves nothing to decide, so it is read by it: see %s"
+DRAFTED = "%s: no mapping is given; the draft leaves nothing to decide, so it is used: see %s"
 READING = "reading recordings (kB)"  # stage; unit: a kilobyte
 
 

@@ -74,7 +74,7 @@ def known_first(report: DiagnosisReport) -> List[Line]:
     if count:
         beside["refitted"] = "refitted without the effect%s" % ("s" * (count > 1))
     if report.ceiling.named_as:
-        beside["formula"] = "with the formula for what is left"
+        beside["formula"] = "with the proposed formula"
     if report.varies:
         own = listed([found.parameter for found in report.varies])
         beside["written"] = "with the same %s in all runs" % own
@@ -120,7 +120,7 @@ def _answers(report: DiagnosisReport) -> Iterator[str]:
     if rest:
         yield rest
     if report.improved.by == "simulation":
-        yield "The model is fitted by simulation error: it predicts better than the one by likelihood."
+        yield "The model is fitted by simulation error, which predicts better than the likelihood fit."
     if report.steps and not rest and _rest_matters(report):
         yield capital(_left(report))
 
@@ -150,7 +150,7 @@ def _left(report: DiagnosisReport) -> str:
     if not agrees.holds or found is None:
         return words.pattern(report) + "."
     differs = "what differs between runs, " if report.varies else ""
-    told = "what the model leaves, %s, is %sa random push" % (off(found.errors["improved"]), differs)
+    told = "the remaining error, %s, is %sa random push" % (off(found.errors["improved"]), differs)
     if not _is_chance(report):
         told += " or an effect of something that was not recorded"
     return told + (": " + words.common(agrees.common) if agrees.common else "") + "."
@@ -189,7 +189,7 @@ def _certainty(report: DiagnosisReport, step: AddedEffect) -> str:
     if _predicts_as_well_without(report):
         return "Seen, not confirmed: a refit without effects predicts as well"
     if step.p_interval > DENIED:
-        return "Seen, not confirmed: with what single runs differ by, it may be nothing at all"
+        return "Seen, not confirmed: given the differences between runs, it may be zero"
     is_like = _rest(report) or _at_ends(report, step.added)
     return sure + (" that something acts like it" if is_like else "")
 
@@ -218,7 +218,7 @@ def _rest(report: DiagnosisReport) -> str:
         return "nothing that these runs show - " + _left(report)
     if kind == "complete" and not explained:
         return (
-            "nothing that these runs show - what the model leaves is a random disturbance, which nothing "
+            "nothing that these runs show - the remaining error is a random disturbance, which nothing "
             "that was recorded predicts."
         )
     if kind == "complete":
@@ -260,8 +260,8 @@ def _undecided(report: DiagnosisReport, depends: bool) -> str:
     if not report.agreement.holds:
         return words.pattern(report) + "."
     if report.improved.by == "simulation" and not report.steps:
-        return "the likelihood takes what is left for a random push, but predicts worse than another fit."
-    told = "a random disturbance explains what is left as well as an effect of up to %.0f%% of it would."
+        return "the likelihood mistakes the rest for a random push, and predicts worse than another fit."
+    told = "a random disturbance explains the rest as well as an effect of up to %.0f%% of it would."
     return told % float(100 * report.ceiling.bound)
 
 
@@ -286,7 +286,7 @@ def _next(report: DiagnosisReport, folder: str) -> str:
         if folder:
             files = _in(folder, "proposal.yaml"), _in(folder, "improved.yaml")
             adds = "rosrun ground identify add %s BAGS --model %s -o proposed.yaml" % files
-        return "the formula is an effect of its own; this adds it and fits its size:\n" + adds
+        return "the formula is a new effect; this adds it and fits its size:\n" + adds
     if nameless:
         return "record more runs over the same places with other commands, so that a formula can be found"
     swings = report.agreement.frequency

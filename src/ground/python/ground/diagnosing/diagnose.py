@@ -33,7 +33,7 @@ from ground.support.progress import Progress, Work
 
 @dataclass(frozen=True)
 class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
-    """What is looked for."""
+    """What is searched for."""
 
     only: Optional[Sequence[str]] = option(
         None,
@@ -79,7 +79,7 @@ def diagnose(
     model : Model or path
         The model to look into.
     holdout : Recording, path, or several, optional
-        Judges what is found and decides nothing. Without it, parts of recordings are held out.
+        Tests the result and influences nothing. Without it, parts of recordings are held out.
     told : callable, optional
         Called with each line of the verdict as soon as it is known.
     tried : callable, optional

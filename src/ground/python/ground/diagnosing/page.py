@@ -58,9 +58,9 @@ def predictions(report: DiagnosisReport) -> Optional[Plotly]:
     if effects:
         shown[1:] = [("refitted", "refitted"), ("improved", "improved")]
     if "formula" in found.errors:
-        shown.append(("formula", "with the formula for what is left"))
+        shown.append(("formula", "with the proposed formula"))
     before, last = (off(found.errors[name]) for name, _ in shown[-2:])
-    title = "After %.3g s predictions are off by %s, by %s before; the mocap alone leaves %s"
+    title = "After %.3g s predictions are off by %s, by %s before; the noise floor is %s"
     told = found.seconds, last, before, off(found.mocap)
     return figures.predictions(found, shown, title % told)
 

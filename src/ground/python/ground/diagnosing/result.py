@@ -51,7 +51,7 @@ class Diagnosis(Shown, Plotted, Estimated):
     parameters: Dict[str, Parameter]  #: its parameters, by name
     #: held-out error of the best refit without the effects, then after each effect
     error: Tuple[float, ...]
-    noise_floor: float  #: error there that the noise of the poses alone would leave
+    noise_floor: float  #: error there that pose noise would leave
     next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: the proposed experiment
     contents: DiagnosisReport  #: everything
     drawn: Optional[Drawn]  #: what its page draws; None when it was loaded
@@ -110,7 +110,7 @@ class Diagnosis(Shown, Plotted, Estimated):
         """Log-likelihood of the measured poses (and of gyro and accelerometer, where they were recorded)
         under the improved model with a random disturbance and the noise of the poses, whose levels are
         fitted, too: of one-step predictions of a Kalman filter (docs: Likelihood). Poses are thinned; of
-        long runs, it is of the parts that were searched (`seconds` of the report). GroundError where the
+        long runs, it covers the parts that were searched (`seconds` of the report). GroundError where the
         improved model was fitted by simulation error, or the diagnosis was saved by an older version."""
         return self._likelihood.llf
 
@@ -175,7 +175,7 @@ class Diagnosis(Shown, Plotted, Estimated):
     @classmethod
     @internal
     def load(cls, folder: Path) -> "Diagnosis":
-        """The diagnosis that `save` wrote into a folder, but for what its page draws. GroundError when there
+        """The diagnosis that `save` wrote into a folder, without its page's figures. GroundError when there
         is none."""
         _, _, improved, _, experiment = (os.path.join(os.fspath(folder), name) for name in FILES)
         found = DiagnosisReport.load(folder, FILES[0])
@@ -207,7 +207,7 @@ class Diagnosis(Shown, Plotted, Estimated):
 
     def save(self, folder: Path, force: bool = False) -> List[str]:
         """Writes diagnosis.json, improved.yaml, report.html and, where there are any, proposal.yaml and
-        next_experiment.csv. Files of an older diagnosis in the folder go.
+        next_experiment.csv. Files of an older diagnosis are removed.
 
         Returns
         -------

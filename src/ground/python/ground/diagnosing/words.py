@@ -184,12 +184,12 @@ def extent(report: DiagnosisReport) -> Iterator[str]:
     """How much of the data was used, if not all."""
     seconds, windows = report.seconds, report.windows
     if seconds and seconds.used < seconds.available:
-        yield "Effects were looked for in %.0f of %.0f s, in which the craft moves most." % (
+        yield "Effects were searched in %.0f of %.0f s, in which the craft moves most." % (
             seconds.used,
             seconds.available,
         )
     if windows.used < windows.available:
-        yield "Errors are of %d of %d windows, spread evenly over the runs." % (
+        yield "Errors cover %d of %d windows, spread evenly over the runs." % (
             windows.used,
             windows.available,
         )
@@ -206,12 +206,12 @@ def pattern(report: DiagnosisReport) -> str:
     found = report.agreement
     if found.frequency:
         return (
-            "what is left is strongest at %.2g Hz: something seems to swing or turn at this rate, such as a "
+            "the remaining error peaks at %.2g Hz: something seems to swing or turn at this rate, such as a "
             "fan or an unbalanced motor" % found.frequency
         )
     if found.common and found.common.stands_out:
         return common(found.common) + ", which no effect of the library and nothing recorded describes"
-    return "what is left acts at some times or places only, as gusts, cables, bad floor or late commands do"
+    return "the rest acts only at some times or places, as gusts, cables, bad floor or late commands do"
 
 
 def evidence(report: DiagnosisReport) -> Iterator[str]:
@@ -222,7 +222,7 @@ def evidence(report: DiagnosisReport) -> Iterator[str]:
     sensed = report.runs.inertial
     if sensed:
         which = "" if len(sensed) == len(report.runs.fit) else " of " + listed(sensed)
-        yield "The likelihood also takes the craft's gyro and accelerometer%s." % which
+        yield "The likelihood also uses the craft's gyro and accelerometer%s." % which
     yield from bands(report)
     yield ""
     form = "%4s %9s %11s %9s %9s  %s"
@@ -240,7 +240,7 @@ def evidence(report: DiagnosisReport) -> Iterator[str]:
     yield "%-23s %s refitted" % (name, number(report.nominal.error.heldout))
     for step in report.steps:
         yield "%23s %s + %s" % ("", number(step.error.heldout), effect(report, step.added))
-    yield "%29s noise of the poses alone" % number(report.noise_floor)
+    yield "%29s noise floor" % number(report.noise_floor)
     if held:
         yield (
             "The cross-validated error of the runs fitted to, each by a fit to the others, is %s without "

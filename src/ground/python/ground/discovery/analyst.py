@@ -281,7 +281,7 @@ def off(run: _core.RunData, model: _core.Model, seconds: float) -> Optional[Off]
 
 
 def expected_off(run: _core.RunData, model: _core.Model, seconds: float) -> Off:
-    """How far the poses would be off if a model were true, because of their noise alone."""
+    """How far the poses would be off if a model were true, because of their noise."""
     chosen = horizon.starts([run], seconds, window_error.FEW_WINDOWS)
     error = PoseError.of(horizon.artificial_errors([run], chosen, seconds, model, None))
     return error.position_mm, error.heading_deg

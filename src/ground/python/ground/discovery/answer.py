@@ -46,9 +46,9 @@ def _certainty(story: Story) -> List[str]:
     if not story.ended:
         return []
     if check is None:
-        return ["Not confirmed by a flight of its own."]
+        return ["Not confirmed by a test flight."]
     holds = "Confirmed" if check.holds else "Not confirmed: it does not predict"
-    return ["%s by a flight that decided nothing." % holds if check.holds else holds + " the test flight."]
+    return ["%s by an independent test flight." % holds if check.holds else holds + " the test flight."]
 
 
 def _next(story: Story) -> str:

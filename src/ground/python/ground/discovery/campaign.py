@@ -181,7 +181,7 @@ class FlightCampaign(Flights):
         flown = self._excite(
             CONFIRM,
             choice.confirming(self.given, self._seed(len(self.story.flights))),
-            "A test flight, which decides nothing: both models predict it beforehand.",
+            "An independent test flight: both models predict it in advance.",
         )
         if flown is None:
             self._end("no time of flight is left for a confirming flight")

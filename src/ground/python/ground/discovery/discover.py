@@ -30,8 +30,8 @@ REST = 2.0  # length of a simulation that checks the conditions [s]
 DETAILS = """
 The craft flies bursts of inputs in a room, without ROS and faster than real time. All flights so far
 are diagnosed, the controllers take the improved model, and the next flight is the one that is
-expected to tell most about the effects that are still open. When no question is left, a test flight
-checks the result, which decides nothing.
+expected to show most about the effects that are still open. When no question is left, an
+independent test flight checks the result.
 
 DIR keeps recordings, inputs, models, journal.json and, after each step, the page report.html. When
 DIR has a discovery of the same model, it is continued. A disturbance in the file of the true model
@@ -78,7 +78,7 @@ class Discovery(Shown, Plotted):
     groups: Dict[str, List[str]]  #: effects that cannot be distinguished from a found one, itself first
     model: Model  #: the model with them, fitted to the flights
     sure: bool  #: whether nothing is open that a flight could show
-    confirmed: bool  #: whether it has predicted a test flight, which decided nothing
+    confirmed: bool  #: whether it has predicted an independent test flight
     seconds: float  #: time of flight [s]
     story: Story  #: everything, flight by flight
     page: str  #: path of report.html; empty without a folder
@@ -115,7 +115,7 @@ class Discovery(Shown, Plotted):
         return self.story.to_dict()
 
     def to_frame(self) -> "pandas.DataFrame":
-        """How far the position is off [mm] that each model (columns) predicts on each flight, and the
+        """Error [mm] of the position that each model (columns) predicts on each flight, and the
         floor, indexed by the number of the flight; NaN where a model was not there or is not finite."""
         import pandas
 
@@ -148,7 +148,7 @@ def discover(
 ) -> Discovery:
     """Lets a simulated craft find its own physics.
 
-    It flies, is diagnosed, chooses the flight that is expected to tell most about what is still open, and
+    It flies, is diagnosed, chooses the flight that is expected to show most about open questions, and
     flies again, until no question is left. `trim` differs from flight to flight.
 
     Parameters

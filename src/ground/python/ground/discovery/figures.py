@@ -49,8 +49,8 @@ def errors(story: Story) -> Optional[Dict[str, object]]:
     )
     caption = (
         "Distance of the predicted from the measured position, root mean square; logarithmic. Each model "
-        "predicts the flights after those that it was fitted to, which have open marks. Floor: what noise "
-        "of the poses alone leaves to a true model."
+        "predicts the flights after those that it was fitted to, which have open marks. Floor: error of "
+        "a true model from pose noise."
     )
     if any(None in flown.errors.values() for flown in flights):
         caption += " Cross at the top: the predicted motion is not finite."

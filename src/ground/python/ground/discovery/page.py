@@ -37,7 +37,7 @@ STATES = [PRESENT, OPEN, HIDDEN, SLIGHT, ABSENT]  # from the top
 
 
 def write(story: Story, folder: str, room: Optional[_core.RoomPlan] = None) -> str:
-    """Writes the page into the folder of a discovery, in place of an earlier one; returns its path.
+    """Writes the page into the folder of a discovery, instead of an earlier one; returns its path.
 
     room: whose walls are drawn. Files of the folder that are missing or damaged are left out.
     GroundError when the page cannot be written.

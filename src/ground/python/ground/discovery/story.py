@@ -14,7 +14,7 @@ SCHEMA = "ground/discovery/1"
 # Purposes of a flight
 LOOK = "look"  # at everything that the library could explain
 DECIDE = "decide"  # between what is still open
-CONFIRM = "confirm"  # the result, by a test flight that decides nothing
+CONFIRM = "confirm"  # the result, by an independent test flight
 TRACK = "track"  # a reference, to see whether a model makes tracking better
 
 # States of the belief in an effect

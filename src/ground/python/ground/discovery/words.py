@@ -14,7 +14,7 @@ from ground.reports.words import listed, number, sentence
 PURPOSES = {
     tale.LOOK: "looks at everything that the library could explain",
     tale.DECIDE: "decides between what is still open",
-    tale.CONFIRM: "tests the result by a flight that decided nothing",
+    tale.CONFIRM: "tests the result by an independent flight",
     tale.TRACK: "follows a reference, to see whether the model makes tracking better",
 }
 VERDICTS = {  # for a finding without effects
@@ -118,7 +118,7 @@ def off(found: Optional[tale.Off]) -> str:
 
 def floor(flight: Flown) -> str:
     """What noise leaves on a flight, in parentheses; empty if it is not known."""
-    return " (the mocap alone: %s)" % off(flight.floor) if flight.floor else ""
+    return " (noise floor: %s)" % off(flight.floor) if flight.floor else ""
 
 
 def millimetres(metres: Optional[float]) -> str:

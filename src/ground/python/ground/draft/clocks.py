@@ -114,7 +114,7 @@ def _doubt(
         return "of the formats that fit: %s" % ", ".join(formats)
     worth = _time_worth(clock.field)
     if worth <= 0:
-        return "it rises, but its name is of no time"
+        return "it rises, but its name suggests no time"
     likely = [n for n in numbers if n not in fields and _time_worth(n) > max(worth - CLEARLY, 0)]
     rivals = [n for n in likely if _rises(numbers[n], repeats=True)]
     if rivals:

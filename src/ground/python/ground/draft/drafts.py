@@ -49,7 +49,7 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
         raise GroundError(
             "%s: nothing in it has poses or numbers that could be commands%s" % (source.path, why)
         )
-    lines = ["# Drafted from %s. Look through it: what is guessed says why." % source.path]
+    lines = ["# Drafted from %s. Check it: each guess gives its reason." % source.path]
     lines += ["schema: %s" % SCHEMA, "", "# In the file:"]
     lines += ["#   %s (%s), %d messages%s" % (c.name, c.kind, c.count, _rate(c)) for c in every] + unread
     lines += ["#   %s" % warning for warning in source.warnings]
@@ -396,7 +396,7 @@ def _command_lines(candidates: Sequence[Seen], every: Sequence[Seen], in_folder:
     if chosen.clock:
         yield "time: %s" % chosen.clock
     elif chosen.kind != TABLE:
-        yield "# time: receipt  # in place of the header's stamp, which a type without one has not"
+        yield "# time: receipt  # instead of the header's stamp, which a type without one has not"
     if len(parts) > 1:
         yield "# one for each thruster, by their names: %s" % ", ".join(part.topic for part in parts)
     yield "channels:  # name each as the model names its thruster, or lift"

@@ -7,7 +7,7 @@ from ground.reading import units
 
 MARK = "undecided: "  # before a guess without evidence
 AXES = re.compile(r'(# )?axes: "(.*)"  # %s.*' % MARK)
-CLEAR = ("mostly", "clearly")  # a height that says which way is up, in place of one that is near 0
+CLEAR = ("mostly", "clearly")  # a height that says which way is up, instead of one that is near 0
 SEEN = 'axes: "%s"  # so left and right turn the craft as it moves'
 
 

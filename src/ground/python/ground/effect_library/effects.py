@@ -44,8 +44,8 @@ class Effect(Shown):
 
     A force of your own is a Python function of `state` (u, v, r, x, y, psi, t and the effect's states),
     `inputs` (left, right, lift, or u_NAME of a thruster) and the parameters by name; it returns X, Y, N, or
-    a dict of components. It is called once, with symbols, and becomes a formula; so everything works with it
-    that works with formulas. It may use arithmetic, comparisons, numpy's functions of numbers, numpy.where
+    a dict of components. It is called once, with symbols, and becomes a formula; so it works wherever
+    formulas work. It may use arithmetic, comparisons, numpy's functions of numbers, numpy.where
     and numpy.interp, and must not use `if` or `math`.
 
     Parameters
@@ -56,7 +56,7 @@ class Effect(Shown):
         Formulas [N, N, N m] of u, v, r, x, y, psi, u_L, u_R, lift, t, pi, the parameters and the states
         (docs: An effect in YAML).
     force : callable, optional
-        A Python function in place of formulas.
+        A Python function instead of formulas.
     frame : {'body', 'world'}
         Frame of X and Y.
     states : mapping, optional
@@ -133,7 +133,7 @@ class Effect(Shown):
     def of_formulas(
         cls, X: str = "", Y: str = "", N: str = "", *, name: str = "formula", thrusters: Sequence[str] = ()
     ) -> "Effect":
-        """An effect of formulas alone: names that are no variables become parameters that a fit finds.
+        """An effect of formulas alone: non-variable names become parameters that a fit finds.
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class Effect(Shown):
         Raises
         ------
         GroundError
-            Says what is no formula, or where units differ.
+            Names invalid formulas, or where units differ.
 
         Examples
         --------

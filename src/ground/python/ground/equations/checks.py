@@ -42,7 +42,7 @@ def compared(equations: Equations, code: str, to: str, prefix: str) -> Tuple[Opt
             names = [symbol.name for symbol in equations.states]
             raise GroundError(
                 "the exported %s() differs from the model in %s, by a share of %.1g: nothing was written; an "
-                "effect of this model cannot be exported (take effects away to see which one)"
+                "effect of this model cannot be exported (remove effects to see which one)"
                 % (name, names[at], differences[at])
             )
         largest = max(largest, float(differences[at]))

@@ -53,7 +53,7 @@ class ExportedModel(Shown):
     unchecked: str  #: why it was not compared
 
     def headline(self, written: str = "") -> List[Line]:
-        """Its first lines: what was written, and whether it does what the model does."""
+        """Its first lines: what was written, and whether it agrees with the model."""
         return [
             ("Exported", "states %s; inputs %s." % (", ".join(self.states), ", ".join(self.inputs))),
             ("Checked", _checked(self.difference, self.unchecked)),

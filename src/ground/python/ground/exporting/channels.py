@@ -36,7 +36,7 @@ PREDICTION = ChannelContent(
     ("model",),
 )
 ACCURACY = ChannelContent(
-    "rms error of the predictions, five times a second at most, and what the noise of the poses alone leaves",
+    "rms error of the predictions, five times a second at most, and the noise floor",
     ("position_mm", "heading_deg", "position_noise_mm", "heading_noise_deg", "horizon_s"),
     ("model",),
     ("excited",),
@@ -206,13 +206,13 @@ def channel(topic: str, about: str, schema: Any, context: Any) -> Any:
 def message_class(name: str, fields: Sequence[Tuple[str, Any]]) -> Tuple[Callable[..., Any], Any]:
     """Class of a protobuf message and its foxglove.Schema.
 
-    fields: names and types; a list of fields in place of a type is a repeated message of these."""
+    fields: names and types; a list of fields instead of a type is a repeated message of these."""
     from foxglove import Schema
 
     try:
         from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
     except ImportError:
-        raise GroundError("viewers take the Python module protobuf: apt install python3-protobuf")
+        raise GroundError("viewers need the Python module protobuf: apt install python3-protobuf")
     file = descriptor_pb2.FileDescriptorProto(name=name + ".proto", package=PACKAGE, syntax="proto3")
     described = file.message_type.add(name=name)
     kinds = descriptor_pb2.FieldDescriptorProto

@@ -25,12 +25,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with --mcap: folder of a diagnosis, for its given and its proposed model, or model files",
     )
     parser.add_argument(
-        "-o", "--output", metavar="FILE", help="file to write; .py and .h or .c say what it is"
+        "-o", "--output", metavar="FILE", help="file to write; .py, .h or .c sets the format"
     )
     parser.add_argument(
         "--to",
         choices=list(written.TARGETS),
-        help="what it is written as (by the end of FILE: numpy for .py, c for .h and .c)",
+        help="format (by the extension of FILE: numpy for .py, c for .h and .c)",
     )
     group = parser.add_argument_group("a run for Foxglove, Lichtblick, PlotJuggler and rerun")
     group.add_argument("--mcap", metavar="FILE", help="file to write the run to")
@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--horizon",
         type=command_line.positive,
         metavar="S",
-        help="how far models predict (what suits the craft) [s]",
+        help="prediction horizon (chosen for the craft) [s]",
     )
     bag_arguments.add_reading_arguments(group)
     parser.add_argument("--force", action="store_true", help="overwrite what exists")
@@ -79,6 +79,6 @@ def _models(path: str) -> List[ModelLike]:
     found = public("Diagnosis").load(path)
     given = str(found.report["model"])
     if not os.path.isfile(given):
-        text = "%s: its model %s is not there any more; give model files in place of the diagnosis"
+        text = "%s: its model %s no longer exists; give model files instead of the diagnosis"
         raise GroundError(text % (path, given))
     return [given, found.improved] if found.effects else [given]

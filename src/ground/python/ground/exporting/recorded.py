@@ -185,7 +185,7 @@ def _predicted(view: "View", model: int, label: str, made: "Prediction") -> List
         view.accuracy(model, at, label, error, noise, made.horizon)
 
     topic = "/%s/" % MODELS[model]
-    told = "off by %.3g mm, %.2g deg after %.2g s, the noise of the poses alone by %.2g mm, %.2g deg" % (
+    told = "off by %.3g mm, %.2g deg after %.2g s, noise floor %.2g mm, %.2g deg" % (
         made.position_mm, made.heading_deg, made.horizon, made.noise_mm, made.noise_deg
     )  # fmt: skip
     return [

@@ -9,7 +9,7 @@ from typing import Any, Iterator
 from ground.support import files
 from ground.support.errors import GroundError, reason
 
-NEEDED = "viewers and MCAP files take the Python module foxglove-sdk"
+NEEDED = "viewers and MCAP files need the Python module foxglove-sdk"
 OLDEST = (3, 10)  # Python of foxglove-sdk
 
 

@@ -68,7 +68,7 @@ class Addition(Shown, Estimated):
     error: Dict[str, Change]  #: by kind of runs: fit, heldout, and holdout where some were given
     #: without the effect and with it, on held-out data; None: too short
     prediction: Optional[PredictionError]
-    noise_floor: float  #: error that the noise of the poses alone would leave
+    noise_floor: float  #: error that pose noise would leave
     folds: str  #: what was held out
     window: float  #: length of the windows of the error [s]
     verdict: Verdict  #: whether the effect helps, and why
@@ -130,7 +130,7 @@ class Addition(Shown, Estimated):
             name = kinds.get(kind, "the held-out runs")
             percent = "%+.0f%%" % (100 * error.change)
             yield "  %-46s %8.3f %8.3f %8s" % (name, error.before, error.after, percent)
-        yield "  %-46s %17s" % ("noise of the poses alone", words.number(self.noise_floor))
+        yield "  %-46s %17s" % ("noise floor", words.number(self.noise_floor))
 
 
 @dataclass(frozen=True)

@@ -88,12 +88,12 @@ class Timing:
             ", ".join("%.2f" % t for t in self.fall[::-1]),
         )
         yield (
-            "that is thruster and scale (a new reading every %.2g s) together: at most so long for a thruster"
+            "that is thruster and scale (a new reading every %.2g s) together: the limit for a thruster"
             % self.readings
         )
         low, high = self.longer_ci95
         differ = (
-            "no sign that it opens and closes at different speed"
+            "no sign that it opens and closes at different speeds"
             if low < 0 < high
             else ("%s is slower" % ("closing" if self.longer > 0 else "opening"))
         )
@@ -230,7 +230,7 @@ def _commands(path: str, values: Array, columns: Sequence[str], form: BenchForma
     own = _named(path, names)
     if len(own) != 1:
         raise GroundError(
-            "%s: which thruster it is of is not known: name the file, or its columns of commands, after %s"
+            "%s: its thruster is not known: name the file, or its columns of commands, after %s"
             % (path, ", ".join(names))
         )
     together = np.zeros((len(values), len(names)))

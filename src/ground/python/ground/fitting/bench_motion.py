@@ -118,14 +118,14 @@ class MassByMotion:
             return "the mass is not identifiable from this motion: record runs with more pushes"
         if not low <= 1 <= high:
             return (
-                "the intervals of bench and motion are apart: in motion the thrusters push %s, or the mass "
+                "bench and motion intervals do not overlap: in motion the thrusters push %s, or the mass "
                 "is %s. Losses in motion, a low supply, a wrong mass or a wrong lever make the two differ. "
-                "Controllers and diagnosis need what motion tells: fit with k free"
+                "Controllers and diagnosis need values in motion: fit with k free"
                 % ("less" if value < 1 else "more", quantity(self.m.value, "kg", 3))
             )
         k = windows.parameters["k"]
         if k.ci95[0] <= self.bench.high * self.scale and k.ci95[1] >= self.bench.low * self.scale:
-            return "the intervals of bench and motion meet"
+            return "the intervals of bench and motion overlap"
         return (
             "the forces equal the bench's at once, but over windows the craft moves as if they were "
             "%.2f times as large: an effect is missing, and diagnose looks for it. Until then take k from a "
@@ -136,7 +136,7 @@ class MassByMotion:
 def over_windows(fit: fitting.Fit, bench: float, at: str) -> str:
     """What a fit with k free says of the bench's k in the model [N]."""
     k = fit.parameters["k"]
-    text = "motion over windows tells %s %s, %.2f times the bench's"
+    text = "motion over windows gives %s %s, %.2f times the bench's"
     return text % (with_interval(k.value, *k.ci95, "N"), at, k.value / bench)
 
 
@@ -178,7 +178,7 @@ def motion(model: Model, bench: WithInterval, recordings: Recordings, part: Part
 
 
 def _free(model: _core.Model) -> List[str]:
-    """The nominal parameters with m in place of k, and the effects' parameters."""
+    """The nominal parameters with m instead of k, and the effects' parameters."""
     return ["m", *(name for name in free_parameters(model) if name != "k")]
 
 

@@ -68,7 +68,7 @@ def _commands(run: "RepairedRun", begin: Array, end: Array) -> Array:
 
 
 def _motion(times: Array, poses: Array, at: Array, scale: float) -> Array:
-    """What a controller may see at some times: heading, place and ways until then, in the body's frame."""
+    """What a controller may see at some times: heading, place and ways until then, in the body frame."""
     place, heading = poses[:, 0] + 1j * poses[:, 1], np.unwrap(poses[:, 2])
     place = place - place.mean()
     now, psi = np.interp(at, times, place), np.interp(at, times, heading)

@@ -30,7 +30,7 @@ OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
 RUNS = 20  # most parts that runs are held out in, where each has an error of its own
 CLOSED = (
-    "%s: the commands depend on the motion before them (closed loop), so the fit takes disturbances for "
+    "%s: the commands depend on the motion before them (closed loop), so the fit mistakes disturbances for "
     "effects of commands, and its intervals may miss the truth; record commands that do not depend on the "
     "motion, such as a PRBS, alone or on top of the controller's"
 )
@@ -49,7 +49,7 @@ class FitOptions(Part):
     )
     prior: priors.Given = option(
         (),
-        "what is known of parameters beforehand: the model's value, to this standard deviation, in its unit "
+        "prior of parameters: the model's value, with this standard deviation, in its unit "
         "or as a share such as 20%%; an effect stands for all its parameters; they are free, too",
         metavar="NAME=DEVIATION",
         nargs="+",
@@ -62,7 +62,7 @@ class FitOptions(Part):
     )
     target: str = option(
         "velocities",
-        "what is simulated and measured: smoothed velocities (default), or raw poses, which are more "
+        "what is compared: smoothed velocities (default), or raw poses, which are more "
         "precise if the model is right",
         choices=TARGETS,
     )

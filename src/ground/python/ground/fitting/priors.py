@@ -75,7 +75,7 @@ def sentences(before: Known, parameters: Mapping[str, Parameter]) -> Iterator[st
     if contradicted:
         yield "the runs contradict what was known of %s" % _listed(contradicted)
     if told_little:
-        yield "the runs tell little of %s: as known before" % _listed(told_little)
+        yield "the runs barely determine %s: as known before" % _listed(told_little)
 
 
 def contradiction(moved: float, before: float, after: float) -> float:

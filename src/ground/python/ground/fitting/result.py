@@ -131,8 +131,8 @@ class Fit(Shown, Plotted, Estimated):
     ) -> "Prediction":
         """Predicts a recording by the fitted model; see ground.predict.
 
-        The shape of a band is by how much fits without each run differ, its size by how far these are off
-        the run that they were not fitted to.
+        A band's shape comes from the differences between fits without each run, its size from their error on
+        the run that they leave out.
 
         Parameters
         ----------
@@ -189,7 +189,7 @@ class Fit(Shown, Plotted, Estimated):
 
     @property
     def llf(self) -> float:
-        """A fit has no log-likelihood, for it minimises a simulation error: GroundError says what has one, a
+        """A fit has no log-likelihood, for it minimises a simulation error; GroundError names what has one, a
         diagnosis."""
         raise GroundError(
             "a fit minimises a simulation error and has no likelihood; a diagnosis fits by likelihood and "
@@ -307,8 +307,8 @@ class Fit(Shown, Plotted, Estimated):
         if self.runaway:
             far = ("%s = %.2g %s" % (p.name, p.value, p.unit) for p in self.runaway)
             return (
-                "do not use this model: %s ran to the end of its range, so the runs contradict it; look at "
-                "what is odd in them, and at thrusters, units and missing effects" % ", ".join(far)
+                "do not use this model: %s ran to the end of its range, so the runs contradict it; check "
+                "the runs, thrusters, units and missing effects" % ", ".join(far)
             )
         if unknown:
             return "fix %s, or record runs with other commands" % words.listed(list(unknown))
@@ -345,7 +345,7 @@ class Fit(Shown, Plotted, Estimated):
             yield from _table(list(self.parameters), self.runs)
         same = sorted({name for pair in self.same_inputs for name in pair})
         if same:
-            yield "the same commands drove %s: to test one on the others is optimistic" % ", ".join(same)
+            yield "the same commands drove %s: testing one on the others is optimistic" % ", ".join(same)
         if self.starts["tried"] > 1:
             yield "%(at_best)d of %(tried)d starts reached this optimum" % self.starts
 

@@ -34,15 +34,15 @@ Folders = Union[Path, Iterable[Path]]
 
 @dataclass(frozen=True)
 class HistoryOptions(bag_arguments.AsRecorded):
-    """How runs are grouped into crafts, and what is estimated."""
+    """How runs are grouped into craft, and what is estimated."""
 
     model: Optional[ModelLike] = option(
-        None, "model of the crafts (the one that was recorded with the runs)", metavar="M.yaml"
+        None, "model of the craft (the one that was recorded with the runs)", metavar="M.yaml"
     )
     craft: Optional[str] = option(
         None,
         "which craft flew: a level of folders below FOLDER (1 is the first), or a pattern whose first group "
-        "in a run's path is the craft (the recorded model's file, else the first folder that is no date)",
+        "in a run's path is the craft (the recorded model's file, else the first non-date folder)",
         metavar="HOW",
     )
     free: Optional[Sequence[str]] = option(
@@ -50,7 +50,7 @@ class HistoryOptions(bag_arguments.AsRecorded):
     )
     tolerance: float = option(
         0.1,
-        "difference between crafts of a type that does not count, as a share of a parameter, or of an "
+        "difference between craft of a type that does not count, as a share of a parameter, or of an "
         "effect's usual size (%(default)g)",
         metavar="SHARE",
         range=(0.0, 10.0),
@@ -173,7 +173,7 @@ def _types(runs: List[UsedRun], options: HistoryOptions) -> List[Tuple[Model, Li
     without = [run.place.path for run in runs if not run.found.model]
     if without:
         raise GroundError(
-            "%s: no model was recorded with this run (%d of %d have none); --model names the crafts' model"
+            "%s: no model was recorded with this run (%d of %d have none); --model names their model"
             % (without[0], len(without), len(runs))
         )
     parsed: Dict[str, Model] = {}

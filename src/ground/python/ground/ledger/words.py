@@ -43,7 +43,7 @@ def lines(found: HistoryContents, page: str = "") -> List[Line]:
 def _changed(found: HistoryContents) -> Iterator[str]:
     least = 2 * MIN_RUNS
     if all(craft.runs < least for craft in found.crafts):
-        yield "cannot be said - that takes %d runs of a craft." % least
+        yield "cannot be decided - that needs %d runs of a craft." % least
     elif not found.changes:
         yield "nothing - the runs of each craft agree within their scatter."
     for one in found.changes[:SHOWN]:
@@ -128,7 +128,7 @@ def _odd(found: HistoryContents) -> Iterator[str]:
             other = next(iter(one.others))
             yield "%s or %s - %s of %s, and %s of %s." % (one.craft, other, told, one.craft, span, other)
         else:
-            yield "%s - its %s; %s of the other %d." % (one.craft, told, span, len(others))
+            yield "%s - its %s; %s for the other %d." % (one.craft, told, span, len(others))
     if not found.odd and len(found.crafts) > len(found.types):
         yield "none"
 
@@ -160,7 +160,7 @@ def scatter(parameter: FollowedParameter) -> str:
 def _runs(found: HistoryContents) -> str:
     named = found.crafts[0].name
     if len(found.crafts) > 1:
-        named = "%d crafts, by %s" % (len(found.crafts), BY[found.crafts_by])
+        named = "%d craft, by %s" % (len(found.crafts), BY[found.crafts_by])
     times = sorted(run.recorded for run in found.runs)
     text = "%d of %s, %s to %s" % (len(found.runs), named, day(times[0]), day(times[-1]))
     if found.left_out:
@@ -201,7 +201,7 @@ def _next(found: HistoryContents, in_shell: bool) -> str:
             "each" if odd.either else "it",
             _command(found, "diagnose", odd, "", in_shell, "diagnosis"),
         )
-    return "fly on; repeated, it fits new runs only."
+    return "keep flying; a repeat fits only new runs."
 
 
 def _command(
@@ -222,7 +222,7 @@ def _command(
 
 
 def crafts(found: HistoryContents) -> Iterator[str]:
-    """A table of the crafts as they are now."""
+    """A table of the craft as they are now."""
     for kind in found.types:
         own = found.crafts_of(kind)
         width = max(5, *(len(craft.name) for craft in own))

@@ -256,14 +256,14 @@ class _Reader:
         """A number of things. PacketError when it cannot be one."""
         found = self.integer()
         if not 0 <= found <= len(self.data):
-            raise PacketError("a packet says that it has %d of a kind" % found)
+            raise PacketError("a packet claims %d items of a kind" % found)
         return found
 
     def text(self) -> str:
         """A text that ends with a zero."""
         end = self.data.find(b"\0", self.at)
         if end < 0:
-            raise PacketError("a packet has a text without an end")
+            raise PacketError("a packet has an unterminated string")
         found = self.data[self.at : end]
         self.at = end + 1
         return found.decode("utf-8", "replace")

@@ -15,7 +15,7 @@ ABOVE = -0.01  # z of paths, which lies above the floor, world_ned [m]
 
 
 def status(story: Story, folder: str, does: str = "") -> Message:
-    """The DiscoveryStatus of a story. does: what it does now or waits for; in place of the activity if
+    """The DiscoveryStatus of a story. does: what it does now or waits for; instead of the activity if
     not empty."""
     flight = story.planned or (story.flights[-1].flight if story.flights else None)
     beliefs = story.findings[-1].beliefs if story.findings else []

@@ -49,12 +49,12 @@ class FlightRecorder:
         while not (self._writes() and wanted <= set(_heard_by(node))):
             if self._process.poll() is not None:
                 raise GroundError(
-                    "the recorder of the flight has ended with status %d; its message is above"
+                    "the flight recorder ended with status %d; its message is above"
                     % self._process.returncode
                 )
             if time.monotonic() > deadline:
                 raise GroundError(
-                    "the recorder of the flight does not begin within %g s: does the mocap publish "
+                    "the flight recorder did not start within %g s: does the mocap publish "
                     "poses, and are there 200 MB free in %s?" % (TIMEOUT, os.path.dirname(self.path))
                 )
             time.sleep(0.05)

@@ -116,7 +116,7 @@ class FlyingLaboratory:
         self._check()
         name = "tracker" if flight.reference else "controller"
         if name not in self._players:
-            raise GroundError("nothing flies references: start it with track:=true")
+            raise GroundError("no controller tracks references: restart with track:=true")
         longest = self._prepare(name, flight, inputs)
         for _ in range(ATTEMPTS):
             landed = self._fly(name, longest, flight)
@@ -269,7 +269,7 @@ class FlyingLaboratory:
                 if self._asked.is_set():
                     asked = self._why
                 elif began and status.elapsed > longest:
-                    asked = "it has not come to its end within %.0f s" % longest
+                    asked = "it did not finish within %.0f s" % longest
                 elif recorder.has_ended():
                     asked = "its recorder has ended"
                 if asked:

@@ -169,7 +169,7 @@ class IdentificationNode:
     def _run(self, task: str, request: IdentifyRequest) -> IdentifyResponse:
         model = _existing(request.model or self.model, "model")
         if task == "add" and not request.effect:
-            raise GroundError("effect is empty: which one shall be added?")
+            raise GroundError("effect is empty: name the effect to add")
         if request.last < 0:
             raise GroundError("last is %g s, but must be positive: it counts back from now" % request.last)
         folder = self._new_folder(task)

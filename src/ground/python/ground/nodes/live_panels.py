@@ -56,7 +56,7 @@ def _velocity(index: int, least: float) -> Panel:
 
 def _off(what: str, axis: str, now: str, least: float, scale: float) -> Panel:
     """How far predictions are off, with the noise floor; in the axis's unit."""
-    noise = PlottedCurve(MODELS[0], what + "_noise", "noise alone", FLOOR, 2.0)
+    noise = PlottedCurve(MODELS[0], what + "_noise", "noise floor", FLOOR, 2.0)
     pale = [replace(c, color=c.color + PALE) for c in _by_models(now, "", "", smooth=False)]
     curves = [*pale, noise, *_by_models(what + "_error", "{model}", "{model}", smooth=False)]
     return Panel("prediction off in " + what, axis, curves, (0.0, least), scale)
@@ -78,7 +78,7 @@ def _missing(title: str, axis: str, least: float, **labels: str) -> Panel:
         for name, label in labels.items()
     ]
     field = "wrench_noise[%s]" % list(labels)[0][1:]
-    ends = (("noise alone", 2.0), ("", -2.0))
+    ends = (("noise floor", 2.0), ("", -2.0))
     noise = [PlottedCurve("model_error", field, label, FLOOR, factor=factor) for label, factor in ends]
     return Panel(title + " missing in {model}", axis, noise + curves, (0.0, 0.0), 1e3, least)
 

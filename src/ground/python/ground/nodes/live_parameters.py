@@ -72,7 +72,7 @@ class Node:
         near = difflib.get_close_matches(name, [p.name for p in self.parameters], 1)
         hint = "did you mean %s? " % near[0] if near else ""
         raise GroundError(
-            "%s has no parameter %s; %srosrun ground parameters %s lists those that it has"
+            "%s has no parameter %s; %srosrun ground parameters %s lists its parameters"
             % (self.name, name, hint, self.name.lstrip("/"))
         )
 

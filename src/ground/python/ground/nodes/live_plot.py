@@ -31,7 +31,7 @@ PAUSED = "<b>Paused.</b> Space goes on."
 SIZES = ("error", "noise")
 HELP = (
     "Space pauses; the mouse shows values, its wheel zooms and dragging moves; Home shows all.<br>Normal: "
-    "predictions lie on the measured curve, errors near the noise alone, missing forces between its lines; "
+    "predictions lie on the measured curve, errors near the noise floor, missing forces between its lines; "
     "what is wanted is sent."
 )
 STATUS_COLORS = {
@@ -260,7 +260,7 @@ def off_in_words(error: Message) -> str:
     if not error.excited:
         return "%s: no excitation, the craft hardly moves" % name
     sizes = [_pose(getattr(error, "position_" + what), getattr(error, "heading_" + what)) for what in SIZES]
-    return "%s: %s after %.2g s (noise alone: %s)" % (name, sizes[0], error.horizon, sizes[1])
+    return "%s: %s after %.2g s (noise floor: %s)" % (name, sizes[0], error.horizon, sizes[1])
 
 
 def _pose(position: float, heading: float) -> str:

@@ -91,7 +91,7 @@ def judge(trial: StopTrial) -> StopVerdict:
     if speed < MIN_SPEED:
         return StopVerdict(
             UNDECIDED,
-            "it moved at %.2f m/s only at the last packet, %.2f m/s are needed: give more thrust, "
+            "at the last packet it moved at only %.2f m/s, %.2f m/s is needed: give more thrust, "
             "thrust time or lift" % (speed, MIN_SPEED),
             speed=speed,
         )
@@ -133,7 +133,7 @@ def _went_on(trial: StopTrial, found: Break, control: Break, speed: float) -> St
         why = "it began to brake when the silence ended; try a longer silence"
         return StopVerdict(UNDECIDED, why, speed=speed)
     if end < 0.5 * speed:
-        why = "it slowed down from %.2f to %.2f m/s, but not as a craft that brakes"
+        why = "it slowed down from %.2f to %.2f m/s, unlike a braking craft"
         return StopVerdict(UNDECIDED, why % (speed, end), speed=speed)
     # If a speed levels off, the slope of its steep begin counts; a gliding craft gains no speed.
     how = "driven on by its thrust"

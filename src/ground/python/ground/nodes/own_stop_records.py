@@ -32,7 +32,7 @@ def read(path: str) -> Dict[str, List[Document]]:
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise GroundError("%s: not YAML, nothing is added to it: %s" % (path, error))
     if not isinstance(crafts, dict) or not all(isinstance(c, list) for c in crafts.values()):
-        raise GroundError("%s: not a map of crafts to trials, nothing is added to it" % path)
+        raise GroundError("%s: not a map of craft to trials, nothing is added to it" % path)
     return crafts
 
 

@@ -36,7 +36,7 @@ def averaged_over(motion: Motion) -> float:
 
 
 def accelerations(motion: Motion) -> Array:
-    """Specific force in the body's frame (n, 2) [m/s^2] and yaw acceleration [rad/s^2], (n, 3)."""
+    """Specific force in the body frame (n, 2) [m/s^2] and yaw acceleration [rad/s^2], (n, 3)."""
     u, v, r = motion.nu.T
     return np.asarray(motion.nu_dot + np.column_stack([-r * v, r * u, 0 * r]))
 

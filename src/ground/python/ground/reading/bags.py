@@ -145,7 +145,7 @@ def _opened(path: str) -> Source:
     try:
         import rosbags  # noqa: F401
     except ImportError:
-        raise GroundError("%s: bags take the Python module rosbags: pip install rosbags" % path)
+        raise GroundError("%s: bags need the Python module rosbags: pip install rosbags" % path)
     try:
         if any(os.path.isfile(path + end) and os.path.getsize(path + end) for end in recorded_files.BESIDE):
             return _Journaled(path)

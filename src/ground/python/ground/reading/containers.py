@@ -63,7 +63,7 @@ class Container:
         chosen = (namespace or commands.rpartition("/")[0] or only).strip("/")
         if chosen not in crafts and (namespace or len(crafts) > 1 and not commands):
             names = ", ".join(name or "/" for name in sorted(crafts)) or "none"
-            raise GroundError("%s: name one of its crafts by --namespace: %s" % (self.path, names))
+            raise GroundError("%s: name one of its craft by --namespace: %s" % (self.path, names))
         if crafts.pop(chosen, None):
             self.namespace = chosen
             others = tuple(place for name, place in crafts.items() if name)
@@ -145,7 +145,7 @@ def _parquet(path: str) -> "pandas.DataFrame":
     import pandas
 
     if not any(importlib.util.find_spec(name) for name in ("pyarrow", "fastparquet")):
-        raise GroundError("%s: Parquet takes the Python module pyarrow: pip install pyarrow" % path)
+        raise GroundError("%s: Parquet needs the Python module pyarrow: pip install pyarrow" % path)
     return pandas.read_parquet(path)
 
 

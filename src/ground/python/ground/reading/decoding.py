@@ -41,7 +41,7 @@ class Layouts:
 
     def columns(self, messages: Sequence[bytes], of_list: str) -> Tuple[List[Tuple[Indices, Columns]], int]:
         """Columns of messages that are alike, with the numbers of these messages, and how many messages do
-        not fit the type. of_list: the field whose elements become rows in place of the messages."""
+        not fit the type. of_list: the field whose elements become rows instead of the messages."""
         found: List[Tuple[Indices, Columns]] = []
         sizes = np.array([len(message) for message in messages])
         lost = tried = 0
@@ -130,7 +130,7 @@ class Layouts:
         length = int.from_bytes(self._data[self._at : self._at + 4], order)  # type: ignore[arg-type]
         self._fix(4)
         if length > len(self._data):
-            raise ValueError("an array or a text is too long")
+            raise ValueError("an array or string is too long")
         return length
 
     def _fix(self, count: int) -> None:

@@ -52,7 +52,7 @@ class Definitions:
         try:
             return _parsed(_text(file), kind, "idl" if file.endswith(".idl") else "msg")
         except Exception as error:  # rosbags' parsers raise many kinds
-            raise GroundError("%s: no definition of a type (%s)" % (file, said(error)))
+            raise GroundError("%s: not a type definition (%s)" % (file, said(error)))
 
 
 NONE = Definitions()
@@ -81,7 +81,7 @@ def _text(path: str) -> str:
     except OSError as error:
         raise GroundError("%s: %s" % (path, reason(error)))
     except UnicodeDecodeError:
-        raise GroundError("%s: no definition of a type: not UTF-8" % path)
+        raise GroundError("%s: not a type definition: not UTF-8" % path)
 
 
 def _parsed(text: str, kind: str, form: str) -> Types:

@@ -53,7 +53,7 @@ def below_labview(lines: Sequence[str], notes: List[str]) -> Sequence[str]:
         return lines
     last = max((n for n, line in enumerate(lines) if line.startswith("***End_of_Header***")), default=-1)
     notes.append(
-        "a file of LabVIEW: the %d lines of its heads are passed over, X_Value is the time" % (last + 1)
+        "a LabVIEW file: its %d header lines are skipped, X_Value is the time" % (last + 1)
     )
     names, *rows = lines[last + 1 :] or [""]
     return [names.replace("X_Value", "time [s]"), *rows]
@@ -126,7 +126,7 @@ def _motive(lines: Sequence[str]) -> Head:
 
 
 def _note_bodies(head: Head, program: str, unit: str) -> None:
-    """Says which bodies are there, and which of them have angles in place of a quaternion."""
+    """Says which bodies are there, and which of them have angles instead of a quaternion."""
     head.is_export = True
     bodies = list(dict.fromkeys(name.split(".")[0] for name in head.names if ".position." in name))
     if not bodies:

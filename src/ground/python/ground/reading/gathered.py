@@ -135,7 +135,7 @@ def ascending(rows: Array, what: str, notes: List[str]) -> Array:
     """Rows that begin with a time, in ascending order. If the latest rows come first, they are reversed."""
     if not instants.descends(rows[:, 0]):
         return rows
-    notes.append("the latest %s come first: their order is turned round" % what)
+    notes.append("the latest %s come first: their order is reversed" % what)
     return np.asarray(rows[np.argsort(rows[:, 0], kind="stable")])
 
 

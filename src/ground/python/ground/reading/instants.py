@@ -329,8 +329,8 @@ def _check_digits(stamps: Indices, count: int, clock: Clock, where: str) -> None
     step = 1e-9 * float(np.median(np.diff(different))) if len(different) > 1 else 0.0
     raise GroundError(
         "%s: %d stamps have only %d different value%s%s: their last digits were lost when they were written "
-        "(%%g writes six); write them anew with all digits (%%.9f) or, where rows are evenly spaced, give "
-        "time: {rate: HZ} in the mapping in place of the field %s"
+        "(%%g writes six); rewrite them with all digits (%%.9f) or, where rows are evenly spaced, give "
+        "time: {rate: HZ} in the mapping instead of the field %s"
         % (
             where, count, len(different), "s" * (len(different) > 1),
             ", %g s apart" % step if step else "", clock.field,
@@ -347,7 +347,7 @@ def _check_restarts(stamps: Indices, rows: Indices, where: str) -> None:
     ends = [0, *(int(rows[at + 1]) for at in far), int(rows[-1]) + 1]
     parts = ["rows: [%d, %d]" % (a + 1, b) for a, b in zip(ends, ends[1:])]
     raise GroundError(
-        "%s: the clock starts anew at row %d, from %.3f to %.3f s: the clock was set, or these are %d runs; "
+        "%s: the clock restarts at row %d, from %.3f to %.3f s: the clock was set, or these are %d runs; "
         "read one of them by %s in the mapping"
         % (
             where, ends[1] + 1, 1e-9 * stamps[far[0]], 1e-9 * stamps[far[0] + 1], len(parts),

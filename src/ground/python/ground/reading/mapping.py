@@ -45,7 +45,7 @@ class Clock:
     """Where the stamps of a topic are."""
 
     source: str = ""  #: HEADER, RECEIPT, or empty: the header where there is one
-    field: str = ""  #: path of a field that is the time, in place of a source
+    field: str = ""  #: path of a field that is the time, instead of a source
     unit: str = ""  #: unit of that field; empty: what the file says, or s
     nanoseconds: str = ""  #: path of a field to add [ns]
     date: str = ""  #: path of a field with the date of a time of day
@@ -72,7 +72,7 @@ class Poses:
     unit: str = ""  #: of lengths, or "deg" for latitude and longitude; empty: what the file says, or m
     scale: float = 1.0
     orientation: Tuple[str, ...] = ()  #: paths of the quaternion's x, y, z, w
-    heading: str = ""  #: path of an angle in place of a quaternion
+    heading: str = ""  #: path of an angle instead of a quaternion
     heading_unit: str = ""  #: empty: what the file says, or rad
     heading_sign: int = 1  #: -1: it, or the quaternion's turn, is positive the other way round
     axes: Optional[str] = None
@@ -166,7 +166,7 @@ class FieldMapping:
     loads: Tuple[Load, ...] = ()  #: what the craft carried
     rows: Tuple[int, ...] = ()  #: first and last row of tables that are read, from 1; empty: all
     types: Tuple[str, ...] = ()  #: files with definitions of types, or folders of them
-    namespace: str = ""  #: of the craft's topics, where a bag has several crafts
+    namespace: str = ""  #: of the craft's topics, where a bag has several craft
     file: str = ""  #: that it was read from
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
     noise: Optional[Tuple[float, float]] = None  #: of positions [m], headings [rad]; None: their scatter

@@ -88,7 +88,7 @@ def _check_degrees(numbers: Array, where: str) -> None:
         reach = _reach(numbers[:, :2])
         raise GroundError(
             "%s: positions stay within %.2g of %.6g and %.6g: they look like latitude and longitude in "
-            "degrees; position: {unit: deg} under poses in the mapping makes metres of them (unit: m if they "
+            "degrees; position: {unit: deg} under poses in the mapping gives metres (unit: m if they "
             "are metres)" % (where, np.ptp(reach, axis=1).max(), *np.abs(reach).max(axis=1))
         )
 

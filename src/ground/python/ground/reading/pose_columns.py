@@ -19,7 +19,7 @@ BODY = re.compile(
     r"(^|[^a-z])(body|rigid_?body|subject|object|robot|vehicle|craft|child_frame_id|name|agent)$", re.I
 )
 WITHOUT_AXES = (
-    "; or write in place of axes, where headings grow from %s to %s and are clockwise seen from above, "
+    "; or write instead of axes, where headings grow from %s to %s and are clockwise seen from above, "
     '`position: {fields: ["%s", "%s"], ...}`, and where they are counter-clockwise '
     '`position: {fields: ["%s", "-%s"], ...}` and `sign: -1` in heading'
 )
@@ -166,7 +166,7 @@ def read(
     if turned is not apart:
         between = int((np.isfinite(turned).all(axis=1) & ~absent).sum())
         notes.append(
-            "headings stand in rows of their own: they are interpolated at %d of %d positions"
+            "headings are in separate rows: they are interpolated at %d of %d positions"
             % (between, (~absent).sum())
         )
     rows, raw = _planar(placed, turned, paths[:count], where, stamps[chosen], settings)

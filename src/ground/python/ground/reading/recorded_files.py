@@ -60,7 +60,7 @@ def named(mapping: FieldMapping) -> bool:
 
 
 def within(folder: str, mapping: FieldMapping) -> List[Files]:
-    """Files that belong together: the only ones, or those whose names have the same in place of * in the
+    """Files that belong together: the only ones, or those whose names have the same instead of * in the
     patterns."""
     found = [_matching(folder, pattern) for pattern in _patterns(mapping)]
     if all(len(files) == 1 for files in found):

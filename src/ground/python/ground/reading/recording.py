@@ -115,7 +115,7 @@ class Recording(Plotted):
         channels: Sequence[str] = CHANNELS,
         name: str = "recording",
     ) -> "Recording":
-        """Makes a recording of arrays.
+        """Makes a recording from arrays.
 
         Parameters
         ----------
@@ -154,7 +154,7 @@ class Recording(Plotted):
 
     @staticmethod
     def from_frame(frame: "pandas.DataFrame", name: str = "recording") -> "Recording":
-        """Makes a recording of a table as `to_frame` gives it.
+        """Makes a recording from a table as `to_frame` gives it.
 
         Parameters
         ----------
@@ -196,7 +196,7 @@ class Recording(Plotted):
         place : (float, float), default (0.0, 0.0)
             Its centre of mass, forward and to starboard [m].
         inertia : float, default 0.0
-            Its inertia about that [kg m^2].
+            Inertia about that centre [kg m^2].
         """
         return replace(self, payload=_core.Payload(mass, place, inertia))
 
@@ -219,7 +219,7 @@ class Recording(Plotted):
         times = repair.on_commands_clock(self.pose_times, self.clock_offset) - zero
         keep = np.all([(times < start) | (times > end) for start, end in spans], axis=0) | (not spans)
         if keep.sum() < repair.MIN_POSES:
-            raise GroundError("%s: %d poses are left of it" % (self.name, keep.sum()))
+            raise GroundError("%s: only %d poses are left" % (self.name, keep.sum()))
         return replace(self, pose_times=self.pose_times[keep], eta=self.eta[keep], digest="")
 
     def within(self, start: float, end: float) -> "Recording":
@@ -238,7 +238,7 @@ class Recording(Plotted):
 
     @functools.cached_property
     def identity(self) -> str:
-        """What tells the run from others, whatever its name and place: a digest of the files that it was
+        """What identifies the run, whatever its name and place: a digest of the files that it was
         read from, or of the numbers of a recording in memory."""
         if self.digest:
             return self.digest
@@ -353,7 +353,7 @@ class Recording(Plotted):
         Parameters
         ----------
         raw : bool, default False
-            Poses as they were measured, in order of time and without velocities, in place of the repaired
+            Poses as they were measured, in order of time and without velocities, instead of the repaired
             motion. Both are on the clock of the commands.
         model : Model or path, optional
             Adds columns NAME_predicted and NAME_residual (measured minus predicted) of `predict`; NaN where

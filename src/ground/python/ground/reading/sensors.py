@@ -105,7 +105,7 @@ class SensorReader:
         paths = [one or other for one, other in itertools.zip_longest(own, usual, fillvalue="")]
         if not paths[0]:
             raise GroundError(
-                "%s: which fields of %s it is is not known; name %s in a mapping"
+                "%s: its fields in %s are not known; name %s in a mapping"
                 % (where, kind, KEYS[section])
             )
         columns = self.table(topic)

@@ -78,12 +78,12 @@ def _head(lines: Sequence[str]) -> Head:
     sample = sample[:-1] if len(sample) > 2 else sample  # the last line may be cut
     separator, width, share = max((_fit(sample, one) for one in SEPARATORS), key=lambda fit: fit[2])
     if lines[filled[0]].startswith("version https://git-lfs"):
-        raise GroundError("it is the place of a file that Git LFS keeps: git lfs pull fetches it")
+        raise GroundError("it is a Git LFS pointer: git lfs pull fetches the file")
     if not any(cells.is_number(cell) for line in sample for one in SEPARATORS for cell in _split(line, one)):
         raise GroundError("no row has numbers: nothing in it has poses or numbers that could be commands")
     if share <= 0:
         raise GroundError(
-            "its lines are no rows of two values or more between commas, semicolons, tabs, bars or blanks; "
+            "its lines are not rows of two values or more between commas, semicolons, tabs, bars or blanks; "
             "the last one is '%s'" % sample[-1].strip()[:60]
         )
     least = max(1, min(_count(_split(line, separator)) for line in sample) // 2)
@@ -148,7 +148,7 @@ def _name(head: Head, lines: Sequence[str], first: int, width: int) -> None:
         _without_names(head, lines, width)
     head.rate = exports.rate_said([line for line in lines[:first] if line.strip()][-60:])
     if above:
-        head.notes.append("lines above the names of the columns are passed over: %d" % above)
+        head.notes.append("lines above the column names are skipped: %d" % above)
 
 
 def _unmark(head: Head) -> None:
@@ -227,7 +227,7 @@ def _rows(lines: Sequence[str], head: Head, notes: List[str]) -> Tuple[List[str]
         rows = [_quoted_lists(line) for line in rows]
     again = rows.count(repeated)
     if again and repeated:
-        notes.append("lines that name the columns again are left out (%d)" % again)
+        notes.append("repeated column names are left out (%d lines)" % again)
         rows = [line for line in rows if line != repeated]
     if not rows:
         raise GroundError("the table has no rows")
@@ -238,7 +238,7 @@ def _rows(lines: Sequence[str], head: Head, notes: List[str]) -> Tuple[List[str]
     if not short[:-1].mean() > RAGGED:
         keep &= ~short
     if short[-1] and not keep[-1]:
-        notes.append("the last line is cut and left out")
+        notes.append("the last line is truncated and left out")
     wrong = np.flatnonzero(~keep[: len(keep) - bool(short[-1])])
     if len(wrong):
         notes.append(

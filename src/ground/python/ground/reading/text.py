@@ -26,6 +26,6 @@ def lines_of(path: str, notes: List[str]) -> List[str]:
     except UnicodeDecodeError:
         text = data.decode("cp1252", "replace")
     if "\0" in text:
-        notes.append("bytes of value 0 are left out (%d), as a loss of power leaves them" % text.count("\0"))
+        notes.append("bytes of value 0 are left out (%d), as after a power loss" % text.count("\0"))
         text = text.replace("\0", "")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")

@@ -26,7 +26,7 @@ class Ulog(Container):
         try:
             import pyulog
         except ImportError:
-            raise GroundError("%s: logs of PX4 take the Python module pyulog: pip install pyulog" % path)
+            raise GroundError("%s: PX4 logs need the Python module pyulog: pip install pyulog" % path)
         try:
             log = pyulog.ULog(path)
         except Exception as error:  # pyulog raises errors of any kind on damaged files

@@ -152,7 +152,7 @@ EFFECTS: Dict[str, Words] = {
     "supply_droop": _clauses(
         Clause("s", "each other thruster at full input takes {} of the thrust", "%", lambda s: s / (1 + s))
     ),
-    "motor_lag": _clauses(Clause("tau", "the thrust makes 63% of a change within {}")),
+    "motor_lag": _clauses(Clause("tau", "the thrust completes 63% of a change within {}")),
     "motor_rise_fall": _clauses(
         "the thrust makes 63% ",
         Clause("rise", "of a rise within {}"),
@@ -164,8 +164,8 @@ EFFECTS: Dict[str, Words] = {
         Clause("open", "open by 63% within {}"),
         Clause("close", "close by 63% within {}"),
     ),
-    "input_delay": _clauses(Clause("delay", "the thrust comes {} after its command")),
-    "angle_lag": _clauses(Clause("tau", "THRUSTER makes 63% of a turn within {}")),
+    "input_delay": _clauses(Clause("delay", "the thrust follows its command by {}")),
+    "angle_lag": _clauses(Clause("tau", "THRUSTER completes 63% of a turn within {}")),
     "angle_rate": _clauses(Clause("rate", "THRUSTER turns at {} at most", "deg/s", neutral=math.inf)),
     "angle_gain": _clauses(Clause("a", "THRUSTER turns {} [farther|less far] than commanded", "%")),
     "angle_offset": _clauses(

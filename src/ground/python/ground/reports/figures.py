@@ -40,7 +40,7 @@ LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 def predictions(
     found: PredictionError, shown: Sequence[Tuple[str, str]], title: str, fitted: Sequence[str] = ()
 ) -> Plotly:
-    """Bars of how far predicted poses are off, and what the mocap alone leaves.
+    """Bars of how far predicted poses are off, and the noise floor.
 
     shown: names and labels of its models, from the top; fitted: labels of those that were fitted to these
     data.
@@ -65,7 +65,7 @@ def predictions(
         }
         figure.add(bar, row, 1)
         figure.span(floor, floor, row, 1, line={"color": FLOOR, "dash": "dash", "width": 2})
-        text = "the mocap alone: %s %s" % (two_digits(floor), unit)
+        text = "noise floor: %s %s" % (two_digits(floor), unit)
         figure.note(
             text, floor, 1, row, 1, xref=figure.axis("x", 1, row), font={"color": FLOOR},
             yanchor="bottom", xanchor="left",
@@ -87,7 +87,7 @@ def motion(
 ) -> Plotly:
     """Velocities and commands over time and the path from above, of every model.
 
-    bands: the last model's, drawn behind the velocities; caption: in place of the usual one. The band of a
+    bands: the last model's, drawn behind the velocities; caption: instead of the usual one. The band of a
     study is drawn about the path, too.
     """
     run = studies[0].run
@@ -226,7 +226,7 @@ def residual_correlation(studies: Sequence[Inspection]) -> Plotly:
     figure.update_xaxes(title="lag [ms]", row=3)
     caption = (
         "Run %s: residuals from one pose to the next (Kalman filter around the model). Shaded: "
-        "%.0f%% band, in which a true model's stay." % (studies[0].run.name, 100 * residuals.BAND)
+        "%.0f%% band of a true model's residuals." % (studies[0].run.name, 100 * residuals.BAND)
     )
     return figure.finish(560, caption, {"t": 65}, 1.06, title=residuals_title(studies))
 

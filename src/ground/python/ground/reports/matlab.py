@@ -17,7 +17,7 @@ from ground.support.annotations import Array, Path
 ABOUT = (
     "SI units. eta: x, y [m], psi [rad], world_ned. nu: u, v [m/s], r [rad/s], body. t, eta, nu and "
     "inputs have a row for each sample of a run, commands one for each command: time [s] and inputs. "
-    "predicted: what each model makes of the run in windows from the measured pose, NaN "
+    "predicted: what each model predicts in windows from the measured pose, NaN "
     "between them; residual: measured minus predicted eta and nu; position_mm and heading_deg: how far "
     "off the predicted pose is. after: the same, rms, some seconds after a start."
 )

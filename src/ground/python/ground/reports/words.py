@@ -9,7 +9,7 @@ from ground.analysis.horizon import PoseError, PredictionChange, PredictionError
 from ground.support import quantities
 from ground.support.headline import Line
 
-# Least ratio to what the mocap alone leaves from which more acts than the model has: above the scatter of
+# Least ratio to the noise floor from which more acts than the model has: above the scatter of
 # some seven independent predictions
 MORE_ACTS = 2.0
 LEAST = 1e-9  # error that is as good as none [mm], [deg]
@@ -73,27 +73,27 @@ def prediction(found: Optional[PredictionError], first: str, last: str, **beside
 
 
 def least(error: PoseError, mocap: PoseError) -> str:
-    """What the mocap alone leaves, to be read behind the error of a model: "the mocap alone: 3.6 mm, 0.81
-    deg", or that the model leaves no more."""
+    """The noise floor, to be read behind the error of a model: "noise floor: 3.6 mm, 0.81 deg", or that the
+    model's error is at it."""
     return "%s: %s" % (quantities.beside_mocap(astuple(error), astuple(mocap)), off(mocap))
 
 
 def is_pushed(found: PredictionError) -> bool:
     """Whether a random disturbance of the size that the likelihood found, if it did, leaves clearly more than
-    the mocap alone."""
+    the noise floor."""
     disturbed = found.disturbed or found.mocap
     return not quantities.is_as_mocap(astuple(disturbed), astuple(found.mocap))
 
 
 def more_acts(found: Optional[PredictionError], name: str, finds: str) -> str:
-    """What to do if a model's predicted poses are off by more than the mocap explains, else nothing. finds:
+    """What to do if a model's predicted poses are off by clearly more than the noise floor, else nothing. finds:
     the command that finds what is missing."""
     ratio = times_the_mocap(found, name)
     if not ratio > MORE_ACTS:
         return ""
     return (
-        "predictions are off by %s times what the mocap explains: an effect is missing, or something pushes "
-        "at random. This says which:\n%s" % (two_digits(ratio), finds)
+        "prediction errors are %s times the noise floor: an effect is missing, or a random force "
+        "acts. This says which:\n%s" % (two_digits(ratio), finds)
     )
 
 
@@ -105,8 +105,7 @@ def diagnosing(model: str, written: str) -> str:
 
 
 def times_the_mocap(found: Optional[PredictionError], name: str) -> float:
-    """How many times what the mocap alone leaves a model's predicted poses are off; not a number where it is
-    not known."""
+    """Ratio of a model's error of predicted poses to the noise floor; not a number where it is not known."""
     if found is None:
         return math.nan
     error, least = found.errors[name], found.mocap

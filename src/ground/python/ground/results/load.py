@@ -27,7 +27,7 @@ def load(path: Path) -> Any:
     """Loads what the package wrote into a file or folder.
 
     Numbers, sentences and models of a loaded result equal the saved ones. A loaded diagnosis or
-    comparison has no recordings: it does not draw runs, and is not saved again.
+    comparison has no recordings: it cannot draw runs or be saved again.
 
     Parameters
     ----------

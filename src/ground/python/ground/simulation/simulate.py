@@ -53,7 +53,7 @@ def _mocap(name: str, metavar: str, text: str) -> Any:
 
 @dataclass(frozen=True)
 class Mocap:
-    """The motion capture; what is None is usual."""
+    """The motion capture; None means the default."""
 
     rate: Optional[float] = _mocap("rate", "HZ", "frames per second")
     position_noise: Optional[float] = _mocap("position_noise", "M", "noise of x and y, 1 sigma [m]")
@@ -73,7 +73,7 @@ class Mocap:
 
 @dataclass(frozen=True)
 class Acting:
-    """What acts on the craft beside the model."""
+    """What acts on the craft besides the model."""
 
     disturbance: Disturbance = option(
         False,
@@ -168,7 +168,7 @@ class _Options(Acting, Mocap):
     )
     battery: Optional[float] = option(
         None,
-        "the craft has a battery that drives all motors at full input for so long [s], and records its "
+        "the craft has a battery that drives all motors at full input for this long [s], and records its "
         "voltage; the body in the model file needs the key volts",
         range=(1.0, 1e6),
         metavar="S",
@@ -212,7 +212,7 @@ def simulate(
         A design ("prbs", "multilevel-prbs", "spin", ...: `identify simulate --help` lists them), "tracking"
         for a controller in the loop, or a CSV file of bits or timed rows.
     inputs : array (n, 1 + channels) or DataFrame, optional
-        In place of `input`: rows of time [s] and a command for each channel of the model, each held until the
+        Instead of `input`: rows of time [s] and a command for each channel of the model, each held until the
         next; the last row ends it. A DataFrame has columns t and the channels by name. Without the lift's
         column, `lift` and `lift_time` set it.
     name : str, default 'simulated'
@@ -460,7 +460,7 @@ DETAILS = (
     "\ninputs:\n"
     + "".join("  %-18s %s\n" % (name, info.text) for name, info in DESIGNS.items() if name in KINDS)
     + """  tracking           a controller follows a reference, by the poses that the mocap delivers
-  FILE.csv           bits LEFT,RIGHT a line (1 or 0, -1) played at --clock between two --levels, or
+  FILE.csv           lines LEFT,RIGHT of bits (1 or 0, -1) played at --clock between two --levels, or
                      rows under time,left,right or time,left,right,lift, each held until the next (a
                      craft that lists its thrusters has its channels there, and no bits); a bit
                      that was recorded as several equal lines is one bit (--rows-per-bit)
@@ -470,7 +470,7 @@ that it stays inside; a tracking controller stops before it would leave.
 
 Half a second of rest, then lift alone for --lift-time, then --duration of input, then half a second
 with everything off. A file with a column lift is played as it is. The same command line gives the
-same bag, bit by bit, except for the computing times of a controller (topic decision). The topics are
+same bag, bit for bit, except for the computing times of a controller (topic decision). The topics are
 topics of record.launch; simulator/truth has the true motion.
 
 A disturbance in the model file acts only with --disturbance; without it, a line reports this.

@@ -28,7 +28,7 @@ def _refuse_large(root: Any) -> None:
         node, level = left.pop()
         count += 1
         if level > MOST_LEVELS:
-            raise yaml.YAMLError("lists and maps are in each other by more than %d levels" % MOST_LEVELS)
+            raise yaml.YAMLError("lists and maps are nested more than %d levels deep" % MOST_LEVELS)
         if count > MOST_VALUES:
             raise yaml.YAMLError("it stands for more than %d values" % MOST_VALUES)
         if isinstance(node, yaml.SequenceNode):

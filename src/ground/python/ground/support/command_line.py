@@ -186,7 +186,7 @@ def add_model(parser: argparse.ArgumentParser, help: str) -> None:
 
 def add_details(parser: argparse.ArgumentParser) -> None:
     """Adds --details."""
-    parser.add_argument("--details", action="store_true", help="print the evidence, too")
+    parser.add_argument("--details", action="store_true", help="also print the evidence")
 
 
 def say_details(arguments: argparse.Namespace, details: Iterable[str]) -> None:
@@ -204,7 +204,7 @@ def say_result(arguments: argparse.Namespace, found: Shown, written: str) -> Non
 
 def add_mat(parser: argparse.ArgumentParser) -> None:
     """Adds --mat."""
-    help = "write models, runs and predictions for MATLAB and Octave, too"
+    help = "also write models, runs and predictions for MATLAB and Octave"
     parser.add_argument("--mat", metavar="FILE.mat", help=help)
 
 

@@ -62,7 +62,7 @@ def delivered(given: Any, what: str, *kinds: str) -> str:
     if os.path.isfile(name):
         with contextlib.suppress(OSError), open(name, "rb") as file:
             if NO_TEXT in file.read(1000):
-                raise GroundError("%s: it is not %s: it is not a file of text" % (name, what))
+                raise GroundError("%s: it is not %s: it is not a text file" % (name, what))
     if os.path.lexists(name) or os.path.basename(name) != name or end not in ("", ".yaml"):
         return name
     known = {os.path.splitext(os.path.basename(path))[0]: path for path in reversed(_delivered(kinds))}
@@ -154,7 +154,7 @@ def new_file(path: str, force: bool = False) -> Iterator[str]:
 
 
 def plain(value: Any) -> Any:
-    """The value with None in place of infinite numbers and NaN, which JSON does not have."""
+    """The value with None instead of infinite numbers and NaN, which JSON does not have."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

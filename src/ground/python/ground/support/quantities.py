@@ -26,14 +26,14 @@ def with_interval(
 
 
 def is_as_mocap(error: Iterable[Optional[float]], mocap: Iterable[Optional[float]]) -> bool:
-    """Whether an error of predicted poses (position, heading) is what the mocap alone leaves, within its
+    """Whether an error of predicted poses (position, heading) is at the noise floor, within its
     scatter over few predictions; None: infinite."""
     return all(e is not None and (m is None or e <= SCATTER * m) for e, m in zip(error, mocap))
 
 
 def beside_mocap(error: Iterable[Optional[float]], mocap: Iterable[Optional[float]]) -> str:
-    """The words for the error that the mocap alone leaves, beside a model's."""
-    return "as well as the mocap measures" if is_as_mocap(error, mocap) else "the mocap alone"
+    """The words for the noise floor behind a model's error."""
+    return "at the noise floor" if is_as_mocap(error, mocap) else "noise floor"
 
 
 def same_decimals(value: float, low: float, high: float, *others: float) -> List[str]:

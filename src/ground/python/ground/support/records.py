@@ -14,7 +14,7 @@ ABSENT, NULL = "absent", "null"
 
 
 def plain(value: Any) -> Any:
-    """A value with dictionaries in place of dataclasses, and lists in place of tuples."""
+    """A value with dictionaries instead of dataclasses, and lists instead of tuples."""
     if dataclasses.is_dataclass(value):
         items = [(one, getattr(value, one.name)) for one in dataclasses.fields(value)]
         return {
@@ -71,7 +71,7 @@ def _field(one: "dataclasses.Field[Any]", kind: Any, values: Dict[str, Any], whe
 
 
 def _filled(value: Any, null: Optional[Any]) -> Any:
-    """A value with what null stands for in place of None."""
+    """A value with what null stands for instead of None."""
     if isinstance(null, tuple) and isinstance(value, list):
         return [_filled(item, end) for item, end in zip(value, null)]
     return null if value is None else value

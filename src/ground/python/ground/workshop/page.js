@@ -162,7 +162,7 @@ async function commit() {
 
 function bar(label, error, most, floor, kind = "", more = null) {
   const width = error ? Math.max(0.5, 100 * Math.min(1, error.position_mm / most)) : 0;
-  const track = make("div", {className: "track"}, make("div", {className: "fill"}), make("div", {className: "floor", title: "the mocap alone"}));
+  const track = make("div", {className: "track"}, make("div", {className: "fill"}), make("div", {className: "floor", title: "noise floor"}));
   track.children[0].style.width = width + "%"; track.children[1].style.left = Math.min(100, 100 * floor / most) + "%";
   return make("div", {className: "bar " + kind}, make("span", {textContent: label}), track, more || make("span", {className: "n", textContent: off(error)}));
 }
@@ -226,7 +226,7 @@ function showSearch() {
     add.dataset.effect = row.effect;
     const parts = [row.certain];
     if (row.prediction) parts.push(`fitted by likelihood it leaves ${off(row.prediction)}`);
-    if (row.group?.length) parts.push("cannot be told from " + row.group.join(", "));
+    if (row.group?.length) parts.push("is indistinguishable from " + row.group.join(", "));
     if (row.seen === false) parts.push("these runs cannot show it");
     return make("li", {className: weak ? "weak" : ""}, add, make("b", {textContent: row.effect, className: row.selected ? "chosen" : ""}),
       row.meaning ? " " + row.meaning : "", make("div", {className: "less", textContent: row.size}), make("div", {className: "less", textContent: parts.join("; ")}));
@@ -256,7 +256,7 @@ const check = later(250, async () => {
     const proposed = S.search.proposal, same = proposed && ["X", "Y", "N"].every(c => (proposed.expression[c] || "") === given[c]);
     const found = await api("check", {formula: same ? proposed : {X: given.X, Y: given.Y, N: given.N}});
     entry = found.entry; triedOf = JSON.stringify(entry); $("addformula").disabled = false;
-    $("parsed").dataset.units = Object.entries(found.units).map(([name, unit]) => `${name} in ${unit === "?" ? "a unit that cannot be told" : unit}`).join(", ");
+    $("parsed").dataset.units = Object.entries(found.units).map(([name, unit]) => `${name} in ${unit === "?" ? "an unknown unit" : unit}`).join(", ");
     $("parsed").textContent = `${$("parsed").dataset.units}; trying …`;
     await begin("try", entry);
   } catch (error) { $("parsed").replaceChildren(make("span", {className: "no", textContent: error.message})); }
@@ -339,7 +339,7 @@ async function drawMissing(mine, range) {
   });
   await Plotly.react($("against"), clouds, styled(spread), config);
   listen("against", range);
-  $("worst").textContent = !largest.stands_out ? "nothing stands out of the noise"
+  $("worst").textContent = !largest.stands_out ? "nothing exceeds the noise"
     : `most in ${largest.name}: ${two(largest.rms)} ${largest.unit} rms, ${two(100 * largest.rms / largest.full)}% of ${largest.name === "N" ? "the moment of " : ""}full thrust`;
   $("wrench").dataset.drawn = drawnOf;
 }
@@ -376,7 +376,7 @@ const stretch = () => [Number($("from").value), Number($("to").value)];
 
 function showNext() {
   const next = S.search.next;
-  if (!next) { $("next").hidden = true; if (S.search.state === "done") $("nexttext").textContent = "Nothing needed: these runs tell the effects apart."; return; }
+  if (!next) { $("next").hidden = true; if (S.search.state === "done") $("nexttext").textContent = "Nothing needed: these runs distinguish the effects."; return; }
   $("nexttext").replaceChildren(`${next.input}: it distinguishes ${next.separates.filter(Boolean).join(" and ")}. `, make("code", {textContent: next.launch}));
   if ($("next").dataset.of === next.launch) return;
   $("next").hidden = false; $("next").dataset.of = next.launch;

@@ -114,7 +114,7 @@ class Session:
         if not file.events:
             self._do("begin", schema=SCHEMA, runs=runs, model=model.format())
         elif file.events[0]["runs"] != runs:
-            raise GroundError("%s is of other runs: give -o another folder" % file.path)
+            raise GroundError("%s is from other runs: give -o another folder" % file.path)
         for event in file.events:
             self._apply(event)
         if not self.roles:
@@ -178,7 +178,7 @@ class Session:
     def predictor(self, names: Sequence[str], cuts: Optional[work.Cuts] = None) -> Predictor:
         """The Predictor of some runs, without what is left out."""
         if not names:
-            raise GroundError("no run is ticked to be fitted")
+            raise GroundError("no run is ticked for fitting")
         cuts = self.cuts if cuts is None else cuts
         key = repr((list(names), sorted((name, cuts[name]) for name in names if name in cuts)))
         with self._building:
@@ -216,13 +216,13 @@ class Session:
         )
 
     def _floor(self, ticked: Ticked) -> Optional[work.Errors]:
-        """What the noise of poses leaves on some runs, by the best model that was judged on them."""
+        """The noise floor of some runs, by the best model that was judged on them."""
         judged = [n for n in self.nodes.values() if (n.runs, n.cuts) == ticked]
         best = min(judged, key=lambda n: (n.error or {}).get("position_mm") or math.inf, default=None)
         return best.floor if best else None
 
     def beside_mocap(self, error: work.Errors) -> Dict[str, object]:
-        """What the mocap alone leaves on what is ticked, and its words beside an error."""
+        """The noise floor of what is ticked, and its words beside an error."""
         with self.lock:
             floor = self._floor(self.ticked()) or self._now()["floor"]
         return {"floor": floor, "mocap": quantities.beside_mocap(error.values(), floor.values())}
@@ -370,7 +370,7 @@ class Session:
         """Begins fit, add, try or search on the current model."""
         with self.lock:
             if kind in ("fit", "add") and any(j.kind in ("fit", "add") for j in self.running.values()):
-                raise GroundError("a fit is going on: wait for it, or stop it")
+                raise GroundError("a fit is running: wait for it, or stop it")
             for number in [n for n, job in self.running.items() if job.kind == kind]:
                 self.stop(number)
             self.last.pop(kind, None)

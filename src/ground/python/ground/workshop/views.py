@@ -12,7 +12,7 @@ from ground.support.annotations import Indices
 MOST_POINTS = 1000  # of a curve
 MOST_SECONDS = 120.0  # of a run that are predicted at once; a longer part is shown in its first ones
 MOST_COMMANDS = 4  # that the missing wrench is drawn against
-OUTSIDE = 0.05  # largest share of a run in which noise alone leaves its 95% band
+OUTSIDE = 0.05  # largest share of a run in which a true model leaves its 95% band
 MOTION = ("x", "y", "psi", "u", "v", "r")
 
 

@@ -267,7 +267,7 @@ GROUND_REGISTER_EFFECT(SupplySag)
 struct ThrustDroop {
   static EffectInfo info() {
     return {"thrust_droop",
-            "thrusters that weaken under own load",
+            "thrusters that weaken under their load",
             {{"part", "-", "part of an input that is lost at full load", 0, 0, 1, typical::constant(0.1)},
              {"time", "s", "time constant of weakening and recovering", 1, 0.02, 3, typical::constant(1.0),
               Coordinate::kValue, true}},

@@ -4,7 +4,7 @@
 
 namespace ground {
 
-/// Constant force in the body's frame, such as a leak in the skirt.
+/// Constant force in the body frame, such as a leak in the skirt.
 struct BodyForceBias {
   static constexpr bool kUsesPose = false;
 

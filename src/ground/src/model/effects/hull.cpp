@@ -152,7 +152,7 @@ GROUND_REGISTER_EFFECT(CrossFlowDrag)
 /// Water that moves over the ground. Damping and added mass act on the velocity relative to it; the craft's
 /// own mass on that over the ground (Fossen 2011, 8.3):
 /// M_RB nu' + C_RB(nu) nu + M_A nu_r' + C_A(nu_r) nu_r + D nu_r = tau, where nu_r = nu - R' w and R' w turns
-/// in the body's frame. Without added mass it acts as `wind`.
+/// in the body frame. Without added mass it acts as `wind`.
 struct Current {
   static EffectInfo info() {
     const auto scale = [](const Body<double>& b) { return 0.2 * typical::speed(b); };

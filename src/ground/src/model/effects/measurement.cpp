@@ -20,7 +20,7 @@ struct HeadingOffset {
 };
 GROUND_REGISTER_EFFECT(HeadingOffset)
 
-/// The mocap's rigid body has its pivot at (dx, dy) in the body's frame.
+/// The mocap's rigid body has its pivot at (dx, dy) in the body frame.
 struct MarkerOffset {
   static EffectInfo info() {
     const auto scale = [](const Body<double>& b) { return 0.1 * b.l; };
