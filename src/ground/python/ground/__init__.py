@@ -1,6 +1,6 @@
 """Identification, diagnosis and control of a miniature hovercraft.
 
-`ground.read`, `fit`, `predict`, `compare`, `diagnose`, `discover`, `history`, `add`, `simulate` and `track`
+`ground.read`, `info`, `fit`, `predict`, `compare`, `diagnose`, `discover`, `history`, `add`, `simulate` and `track`
 return immutable results, mostly as the programs of those names do. SI units; poses x, y [m],
 psi [rad] in world_ned; velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame;
 inputs 0..1. A wrong file or argument raises `GroundError` with one line that says what, where and why. What
@@ -22,6 +22,7 @@ _PUBLIC = {
     "comparing.predictor": "Predictor",
     "fitting.add": "Addition add",
     "discovery.discover": "Discovery discover",
+    "data.info": "Info info",
     "data.read": "read",
     "comparing.compare": "compare",
     "comparing.result": "Comparison RunComparison",
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from ground.comparing.predictor import Predictor
     from ground.comparing.result import Comparison, RunComparison
     from ground.control.track import Tracking, track
+    from ground.data.info import Info, info
     from ground.data.read import read
     from ground.diagnosing.diagnose import diagnose
     from ground.diagnosing.result import Diagnosis
@@ -87,6 +89,7 @@ __all__ = [  # the names of _PUBLIC, repeated for type checkers
     "GroundError",
     "GroundWarning",
     "History",
+    "Info",
     "Model",
     "OptionError",
     "Parameter",
@@ -104,6 +107,7 @@ __all__ = [  # the names of _PUBLIC, repeated for type checkers
     "effects",
     "fit",
     "history",
+    "info",
     "load",
     "plot",
     "predict",

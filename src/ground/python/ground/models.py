@@ -110,11 +110,38 @@ class Estimated(Described):
 
     @property
     def bse(self) -> "pandas.Series":
-        """Standard errors of the estimates; not a number for parameters that are not identified."""
+        """Standard errors of the estimates; not a number for parameters that are not identified. Where runs
+        differ, they are as much larger as the intervals."""
         import pandas
 
         known = {name: p.deviation if p.identified else np.nan for name, p in self.parameters.items()}
         return pandas.Series(known, dtype=float)
+
+    def conf_int(self, level: float = 0.95, *, alpha: Optional[float] = None) -> "pandas.DataFrame":
+        """The 95% intervals of the parameters; a fit also has other levels.
+
+        Parameters
+        ----------
+        level : float, default 0.95
+            Probability that an interval holds the true value.
+        alpha : float, optional
+            One minus the level, as statsmodels takes it.
+
+        Returns
+        -------
+        DataFrame
+            Columns low and high in the units of the parameters, indexed by their names.
+
+        Raises
+        ------
+        GroundError
+            When the level is not 0.95: these intervals contain differences between runs, of which few runs
+            show no other level.
+        """
+        level = level if alpha is None else 1 - alpha
+        if abs(level - 0.95) > 1e-9:
+            raise GroundError("these intervals are only known at a level of 0.95, not %g" % level)
+        return parameter_frame(self.parameters)[["low", "high"]]
 
 
 @dataclass(frozen=True)
@@ -270,9 +297,15 @@ class Model(Shown):
 
     def __getitem__(self, parameter: str) -> float:
         try:
-            return float(self.core.value(parameter))
+            return float(self.core.value(str(parameter)))
         except ValueError as error:
-            raise UnknownParameter(str(error)) from error
+            raise UnknownParameter(str(error)) from None
+
+    def __contains__(self, parameter: object) -> bool:
+        return parameter in described(self.core)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(described(self.core))
 
     def unit(self, parameter: str) -> str:
         """Unit of a parameter.

@@ -28,7 +28,8 @@ def widened(
     likelihood: Likelihood, fit: LikelihoodFit, parameters: Sequence[FittedParameter]
 ) -> List[FittedParameter]:
     """Parameters as LikelihoodFit.parameters has them, with intervals that contain what its runs differ by.
-    Those in which they differ have `runs`, the least and the largest of the runs' own values."""
+    Those in which they differ have `runs`, the least and the largest of the runs' own values. Standard
+    deviations grow as the intervals do."""
     if len(likelihood.runs) < 2:
         return list(parameters)
     alone = [Likelihood([run], likelihood.craft, threads=likelihood.threads) for run in likelihood.runs]
@@ -107,6 +108,8 @@ def _widened(
     ends = [moved(known, p["value"], by) for by in (mean - half, mean + half)]
     wide, (low, high) = p.copy(), p["ci95"]
     wide["ci95"] = min(low, *ends), max(high, *ends)
+    if 0 < high - low < np.inf:
+        wide["deviation"] = p["deviation"] * (wide["ci95"][1] - wide["ci95"][0]) / (high - low)
     certain = steps[variances < 2 * (between + variances.min())]
     own = [moved(known, p["value"], by) for by in (certain.min(), certain.max())]
     if differ and own[0] != own[1]:  # equal: they only differ by how far beyond its range they are

@@ -18,7 +18,7 @@ ROUNDING = 1e-9  # [s]
 MIN_DRIVE = 1.0  # shortest drive that counts [s]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Track:
     """One drive along a reference, recorded or simulated. Times since it began [s]."""
 

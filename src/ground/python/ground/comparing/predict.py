@@ -39,7 +39,7 @@ COLUMNS = (*POSE, *VELOCITY)
 BEGIN, BEGIN_POSES = 0.1, 5
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Prediction(Shown, Plotted):
     """What a model predicts of a run: it restarts repeatedly from the measurements until then, and goes
     on for the horizon by the commands alone. Arrays have a row for each predicted sample and columns x, y

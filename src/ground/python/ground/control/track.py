@@ -212,7 +212,7 @@ class _TrackOptions:
     )
     truth: Optional[ModelLike] = option(None, "true model of the craft (--model)", metavar="T.yaml")
     gains: Optional[gain_files.Gains] = option(
-        None, "gains of the controller, as tune writes them", metavar="G.yaml"
+        None, "gains of the controller: a file that tune writes, or delivered ones such as tiny_whoover"
     )
     perturb: Union[Mapping[str, float], Sequence[Tuple[str, float]]] = option(
         (),

@@ -1,22 +1,32 @@
-"""identify info: contents, oddities and repairs of recordings."""
+"""info: contents, oddities and repairs of recordings."""
 
 import argparse
 import math
 import os
 import shlex
-from typing import Dict, Iterator, List, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tuple
 
+from ground import _core
 from ground.checks import findings, imitations, layouts, suspicions
 from ground.data import bag_arguments
-from ground.data import measured as api
+from ground.data.measured import repaired
+from ground.data.read import NO_RECORDING, Recordings, taken
 from ground.draft import drafts
-from ground.models import Model
+from ground.models import Model, ModelLike
 from ground.reading import mapping, readers, recorded_files
 from ground.reading.gathered import CAME_LATE
+from ground.reading.recording import Recording
 from ground.support import command_line, files
 from ground.support.annotations import Document
+from ground.support.docstrings import internal
 from ground.support.errors import GroundError
-from ground.support.headline import Line, formatted
+from ground.support.headline import Line
+from ground.support.progress import Progress, Work
+from ground.support.results import Shown, with_units
+
+if TYPE_CHECKING:
+    import pandas
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -36,70 +46,153 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite the mapping file")
 
 
+@dataclass(frozen=True, repr=False)
+class Info(Shown):
+    """What recordings contain, what is odd in them, and which part of them is usable.
+
+    >>> found = ground.info(bag)
+    >>> list(found.to_frame())
+    ['duration', 'usable', 'poses', 'rate', 'position_noise', 'heading_noise', 'odd']
+    >>> found.runs[0]["usable"]["spans"]  # on the run's clock [s]
+    [[1.0, 20.0]]
+    """
+
+    runs: List[Document]  #: of each run what `identify info --json` prints
+    doubts: Tuple[str, ...]  #: sentences on what several runs look like together
+    mappings: Dict[str, str]  #: the text of the mapping that was drafted to read a run, by its name
+    layout: str  #: which channel drives which thruster, in a sentence; empty without a model
+    read: Tuple[str, ...] = ()  #: the arguments of the command line that name the recordings
+
+    @internal
+    def headline(self, written: str = "") -> Iterator[Line]:
+        """Its first lines: how much is usable, how good the poses are, and what to do next."""
+        usable = sum(float(d["usable"]["duration"]) for d in self.runs)
+        whole = sum(float(d["duration"]) for d in self.runs)
+        count = "%d recording%s" % (len(self.runs), "" if len(self.runs) == 1 else "s")
+        yield "Usable", "%.1f of %.1f s in %s." % (usable, whole, count)
+        position, heading = (
+            max(float(d["poses"]["noise"][k]) for d in self.runs) for k in ("position", "heading")
+        )
+        rate = min(float(d["poses"]["rate"]) for d in self.runs)
+        yield (
+            "Poses",
+            "%.4g Hz or more; noise up to %.2g mm, %.2g deg" % (rate, 1e3 * position, math.degrees(heading)),
+        )
+        doubtful = {d["name"]: odd for d in self.runs for odd in [_worst(d)] if odd}
+        if self.doubts:
+            yield "Next", "look at " + self.doubts[0]
+        elif doubtful:
+            yield "Next", "look at %s: %s" % (", ".join(doubtful), next(iter(doubtful.values()))[0])
+        elif self.read:
+            fits = "rosrun ground identify fit %s --model MODEL -o fitted.yaml"
+            yield "Next", "nothing to mend; fit a model:\n" + fits % " ".join(map(shlex.quote, self.read))
+        else:
+            yield "Next", "nothing to mend; fit a model:\nground.fit(MODEL, RECORDINGS)"
+
+    @internal
+    def table(self) -> Iterator[str]:
+        """What each recording contains, and what is odd in it."""
+        for i, d in enumerate(self.runs):
+            yield from [""] * (i > 0) + [d["name"]]
+            for name, value in findings.facts(d):
+                yield "  %-11s %s" % (name, value)
+            for finding in findings.findings(d):
+                yield "  - %s" % finding
+            for line in self.mappings.get(d["name"], "").splitlines():
+                yield "  | " + line
+        if self.layout:
+            yield self.layout
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """A row for each run: duration, usable [s], number and rate [Hz] of poses, noise of positions [m]
+        and headings [rad], and what is odd; units in attrs["units"]."""
+        import pandas
+
+        units = {"duration": "s", "usable": "s", "poses": "1", "rate": "Hz"}
+        units.update(position_noise="m", heading_noise="rad")
+        rows = []
+        for d in self.runs:
+            poses, noise = d["poses"], d["poses"]["noise"]
+            numbers = poses["count"], poses["rate"], noise["position"], noise["heading"]
+            odd = "; ".join(findings.findings(d))
+            rows.append([d["duration"], d["usable"]["duration"], *numbers, odd])
+        index = pandas.Index([d["name"] for d in self.runs], name="run")
+        return with_units(pandas.DataFrame(rows, index=index, columns=[*units, "odd"]), units)
+
+    def to_dict(self) -> List[Document]:
+        """Plain values, as `identify info --json` prints them."""
+        return self.runs
+
+
+def info(recordings: Recordings, model: Optional[ModelLike] = None, progress: Progress = None) -> Info:
+    """Reports contents, oddities and usable parts of recordings.
+
+    Parameters
+    ----------
+    recordings : Recording, path, or iterable of them
+        Runs; with options of reading, those that `read` returns.
+    model : Model or path, optional
+        A model of the craft: finds from the motion which channel drives which of its thrusters.
+    progress : callable or Work, optional
+        Called with a Report when a stage begins, or a part of it is done.
+
+    Raises
+    ------
+    GroundError
+        When a recording cannot be read, or there is none.
+
+    Examples
+    --------
+    >>> print(ground.info(bag).title)
+    Usable: 19.0 of 20.0 s in 1 recording.
+    """
+    given, work = taken(recordings), Work.of(progress)
+    if not given:
+        raise GroundError(NO_RECORDING)
+    return _looked_at(given, Model.of(model).core if model else None, work)
+
+
+def _looked_at(
+    given: Sequence[Recording], model: Optional[_core.Model], work: Work, read: Sequence[str] = ()
+) -> Info:
+    """The Info of recordings. read: the arguments that name them."""
+    if model:
+        given = [recording.with_lift_of(model) for recording in given]
+    runs = repaired(given, work)
+    recordings = [run.recording for run in runs]
+    doubts = suspicions.about(recordings, model)
+    described, layout = findings.describe(runs, doubts), ""
+    angles = [str(one["channel"]) for one in model.thrusters if one["is_angle"]] if model else []
+    if angles:
+        text = "which channel drives which thruster is not judged: what a thruster does changes with %s"
+        layout = text % ", ".join(angles)
+    elif model:
+        with work.stage("judging which channel drives which thruster"):
+            thrusters = layouts.thrusters_of(model)
+            verdict = layouts.judge(recordings, thrusters)
+            verdict = imitations.confirmed(verdict, recordings, thrusters, model)
+        layout = layouts.sentence(verdict)
+        described = [dict(d, layout=verdict.describe()) for d in described]
+    shared = tuple(one.sentence for one in doubts if len(one.runs) > 1)
+    mappings = {recording.name: recording.mapping for recording in recordings}
+    return Info(described, shared, mappings, layout, tuple(read))
+
+
+def _worst(d: Document) -> List[str]:
+    """What of a run has to be looked at before it is used, in sentences."""
+    return [*findings.grave(d), *(w for w in d["warnings"] if CAME_LATE in w)]
+
+
 def run(arguments: argparse.Namespace) -> List[Dict[str, object]]:
     """Runs the verb; returns what --json prints."""
     if arguments.output:
         return _write_mapping(arguments)
     model = Model.load(arguments.model).core if arguments.model else None
-    recordings = list(bag_arguments.read(arguments))
-    if model:
-        recordings = [recording.with_lift_of(model) for recording in recordings]
-    runs = api.repaired(recordings, arguments.work)
-    recordings = [run.recording for run in runs]
-    mappings = {recording.name: recording.mapping for recording in recordings}
-    doubts = suspicions.about(recordings, model)
-    described = findings.describe(runs, doubts)
-    of_all = [one.sentence for one in doubts if len(one.runs) > 1]
     read = [*arguments.bags, *(["--mapping", arguments.mapping] if arguments.mapping else [])]
-    for line in formatted(_headline(described, of_all, read)):
+    found = _looked_at(list(bag_arguments.read(arguments)), model, arguments.work, read)
+    for line in found.lines():
         command_line.say(arguments, line)
-    for d in described:
-        command_line.say(arguments)
-        command_line.say(arguments, d["name"])
-        for name, value in findings.facts(d):
-            command_line.say(arguments, "  %-11s %s" % (name, value))
-        for finding in findings.findings(d):
-            command_line.say(arguments, "  - %s" % finding)
-        for line in mappings.get(d["name"], "").splitlines():
-            command_line.say(arguments, "  | " + line)
-    angles = [str(one["channel"]) for one in model.thrusters if one["is_angle"]] if model else []
-    if angles:
-        text = "which channel drives which thruster is not judged: what a thruster does changes with %s"
-        command_line.say(arguments, text % ", ".join(angles))
-    elif model:
-        with arguments.work.stage("judging which channel drives which thruster"):
-            thrusters = layouts.thrusters_of(model)
-            verdict = layouts.judge(recordings, thrusters)
-            verdict = imitations.confirmed(verdict, recordings, thrusters, model)
-        command_line.say(arguments, layouts.sentence(verdict))
-        described = [dict(d, layout=verdict.describe()) for d in described]
-    return described
-
-
-def _headline(described: Sequence[Document], of_all: Sequence[str], read: Sequence[str]) -> Iterator[Line]:
-    """The first lines: how much is usable, how good the poses are, and what to do next; of_all: sentences on
-    what several recordings look like together; read: the arguments that name them."""
-    usable = sum(float(d["usable"]["duration"]) for d in described)
-    whole = sum(float(d["duration"]) for d in described)
-    odd = {d["name"]: [*findings.grave(d), *(w for w in d["warnings"] if CAME_LATE in w)] for d in described}
-    doubtful = [name for name, sentences in odd.items() if sentences]
-    count = "%d recording%s" % (len(described), "" if len(described) == 1 else "s")
-    yield "Usable", "%.1f of %.1f s in %s." % (usable, whole, count)
-    position, heading = (
-        max(float(d["poses"]["noise"][k]) for d in described) for k in ("position", "heading")
-    )
-    rate = min(float(d["poses"]["rate"]) for d in described)
-    yield (
-        "Poses",
-        "%.4g Hz or more; noise up to %.2g mm, %.2g deg" % (rate, 1e3 * position, math.degrees(heading)),
-    )
-    if of_all:
-        yield "Next", "look at " + of_all[0]
-    elif doubtful:
-        yield "Next", "look at %s: %s" % (", ".join(doubtful), odd[doubtful[0]][0])
-    else:
-        fits = "rosrun ground identify fit %s --model MODEL -o fitted.yaml"
-        yield "Next", "nothing to mend; fit a model:\n" + fits % " ".join(map(shlex.quote, read))
+    return found.to_dict()
 
 
 def _from(mapping_file: str, path: str) -> str:

@@ -78,6 +78,10 @@ class RunFit:
     disagrees_in: List[str]  #: parameters whose estimate differs from the estimate of the other runs
 
 
+class _Lacking(GroundError, AttributeError):
+    """What a fit does not have."""
+
+
 @dataclass(frozen=True, repr=False)
 class Fit(Shown, Plotted, Estimated):
     """A model fitted to recordings.
@@ -191,7 +195,7 @@ class Fit(Shown, Plotted, Estimated):
     def llf(self) -> float:
         """A fit has no log-likelihood, for it minimises a simulation error; GroundError names what has one, a
         diagnosis."""
-        raise GroundError(
+        raise _Lacking(
             "a fit minimises a simulation error and has no likelihood; a diagnosis fits by likelihood and "
             "has llf, aic and bic: ground.diagnose(fit.model, RECORDINGS)"
         )

@@ -25,6 +25,7 @@ from ground.reading import units
 from ground.reading.commands import CHANNELS
 from ground.reading.mapping import LIFT, RANGE
 from ground.reading.run_settings import LiveChange, RunFile, Settings
+from ground.support import errors
 from ground.support.annotations import Array, ArrayLike, Path
 from ground.support.docstrings import internal
 from ground.support.errors import GroundError
@@ -47,6 +48,7 @@ _T = TypeVar("_T")
 OVERSHOOT = 0.2  # share of its range by which a command may exceed it, and is clipped
 JUMP_BACK = 0.5  # largest lateness of a message [s]
 SAME_INSTANT = 1e-5  # instants differ by less after rounding [s]
+LONG_STEP, IMPOSSIBLE_STEP = 5.0, 100.0  # between poses [s], of a craft whose motion a controller can follow
 POSE = ("x", "y", "psi")
 VELOCITY = ("u", "v", "r")
 UNITS = {"t": "s", "x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
@@ -138,50 +140,85 @@ class Recording(Plotted):
         GroundError
             Says which array is wrong.
         """
+        found = Recording._made(times, poses, commands, command_times, channels, name, channels[-1])
+        return replace(found, lift_channel=channels[-1])
+
+    @staticmethod
+    def _made(
+        times: ArrayLike,
+        poses: ArrayLike,
+        commands: ArrayLike,
+        command_times: Optional[ArrayLike],
+        channels: Sequence[str],
+        name: str,
+        lift: str,
+    ) -> "Recording":
+        """As from_arrays, with the lift's channel anywhere, or absent."""
         stamps = times if command_times is None else command_times
         rows = _rows("poses", times, poses, POSE)
+        _check_step(name, rows[:, 0])
         sent = _rows("commands", stamps, commands, channels)
         if len(rows) > 1 and np.isfinite(rows).all() and units.in_degrees(rows[:, 0], rows[:, 3]):
             raise GroundError("%s: headings seem to be in degrees: numpy.deg2rad makes them radians" % name)
-        ranges = {one: RANGE if one in CHANNELS else (-1.0, 1.0) for one in channels[:-1]}
+        ranges = {one: RANGE if one in CHANNELS else (-1.0, 1.0) for one in channels if one != lift}
         for one, values in zip(channels, sent[:, 1:].T):
             low, high = ranges.get(one, RANGE)
             if np.min(values, initial=low) < low or np.max(values, initial=high) > high:
                 reach = one, values.min(), values.max(), low, high
                 raise GroundError("%s: commands of %s reach from %g to %g, not %g to %g" % (name, *reach))
-        found = checked(name, rows, sent, "arrays", [], channels, ranges)
-        return replace(found, name=name, lift_channel=channels[-1])
+        return replace(checked(name, rows, sent, "arrays", [], channels, ranges), name=name)
 
     @staticmethod
-    def from_frame(frame: "pandas.DataFrame", name: str = "recording") -> "Recording":
+    def from_frame(
+        frame: "pandas.DataFrame", name: str = "recording", channels: Optional[Sequence[str]] = None
+    ) -> "Recording":
         """Makes a recording from a table as `to_frame` gives it.
 
         Parameters
         ----------
         frame : DataFrame
-            A row for each pose: columns t, x, y, psi and a column for each channel, the lift last. Rows
-            without a command (NaN) have none. Velocities are smoothed from the poses.
+            A row for each pose: columns t (seconds, or pandas's times), x, y, psi, and a column for each
+            channel by its name in the model. Rows without a command (NaN) have none. Velocities are
+            smoothed from the poses.
         name : str, default 'recording'
             Name of the run.
+        channels : sequence of str, optional
+            Columns of commands. By default left, right and lift, where there are left and right; else all
+            columns that no pose or velocity has.
 
         Raises
         ------
         GroundError
-            When a column is missing.
+            When a column is missing, or is not what its name says.
+
+        Warns
+        -----
+        GroundWarning
+            For columns that are not used beside left and right.
         """
-        missing = [column for column in ("t", *POSE) if column not in frame]
+        import pandas
+
+        missing = [column for column in ("t", *POSE, *(channels or ())) if column not in frame]
         if missing:
             raise GroundError("%s: the table has no column %s" % (name, ", ".join(missing)))
-        columns = [c for c in frame if unit(c) == "1" and not c.startswith(UNNAMED)]
-        commands = frame[columns].to_numpy(float)
-        given, times = np.isfinite(commands).any(axis=1), frame["t"].to_numpy(float)
-        return Recording.from_arrays(
+        columns = list(channels or (c for c in frame if unit(c) == "1" and not c.startswith(UNNAMED)))
+        unused = [c for c in columns if c not in CHANNELS and not channels and {*CHANNELS[:2]} <= {*columns}]
+        if unused:
+            text = "%s: columns that are not used: %s; channels=[...] names the columns of commands"
+            errors.warn(text % (name, ", ".join(unused)))
+            columns = [c for c in columns if c in CHANNELS]
+        commands, times = frame[columns].to_numpy(float), frame["t"]
+        if times.dtype.kind in "mM":  # of numpy, and of pandas with a time zone
+            times = (times - times.iloc[0]) / pandas.Timedelta(seconds=1)
+        given, times = np.isfinite(commands).any(axis=1), times.to_numpy(float)
+        return Recording._made(
             times,
             frame[list(POSE)].to_numpy(float),
             commands[given],
             times[given],
             [c[len(COMMAND) :] if c.startswith(COMMAND) else c for c in columns],
             name,
+            LIFT,
         )
 
     def with_payload(
@@ -426,6 +463,16 @@ class Recording(Plotted):
     def __repr__(self) -> str:
         counts = self.duration, len(self.pose_times), len(self.control_times)
         return "<%s %s: %.2f s, %d poses, %d commands>" % (type(self).__name__, self.name, *counts)
+
+
+def _check_step(name: str, times: Array) -> None:
+    """GroundError when times cannot be seconds; GroundWarning when they probably are not."""
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    text = "%s: poses come every %.3g s, but times are in seconds: divide milliseconds by 1000" % (name, step)
+    if step > IMPOSSIBLE_STEP:
+        raise GroundError(text)
+    if step > LONG_STEP:
+        errors.warn(text)
 
 
 def _rows(what: str, times: ArrayLike, values: ArrayLike, names: Sequence[str]) -> Array:

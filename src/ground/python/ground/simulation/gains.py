@@ -17,11 +17,14 @@ CONTROLLERS = {info.name: info for info in _core.controller_table()}
 Gains = Union[Path, Mapping[str, Setting]]
 
 
-def choice(kind: str, gains: Union[None, Gains] = None) -> _core.ControllerChoice:
+def choice(kind: object, gains: Union[None, Gains] = None) -> _core.ControllerChoice:
     """The _core.ControllerChoice of a kind with gains by name or in a file; default ones for the rest.
     GroundError on unknown names."""
+    if kind not in CONTROLLERS:
+        text = "controller: %r is not one of %s; ground.track takes a function, too"
+        raise GroundError(text % (kind, ", ".join(CONTROLLERS)))
     made = _core.ControllerChoice()
-    made.kind = kind
+    made.kind = str(kind)
     with core_errors():
         made.values = dict(gains) if isinstance(gains, Mapping) else read(gains) if gains else {}
     return made

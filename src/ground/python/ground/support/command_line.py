@@ -9,7 +9,7 @@ from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, Callable, Dict, Generic, Iterable, Mapping, Optional, Sequence, Type, TypeVar
 
 from ground.support import docstrings, files, progress
-from ground.support.errors import OptionError
+from ground.support.errors import OptionError, did_you_mean
 from ground.support.results import Shown
 
 _T = TypeVar("_T")
@@ -115,6 +115,9 @@ def takes(kind: Type[Any]) -> Callable[[Callable[..., _T]], Callable[..., _T]]:
     def decorate(function: Callable[..., _T]) -> Callable[..., _T]:
         @functools.wraps(function)
         def taking(*given: Any, **keywords: Any) -> _T:
+            for name in set(keywords) - set(known):
+                text = "%s() has no argument %s%s" % (function.__name__, name, did_you_mean(name, known))
+                raise TypeError(text)
             own = {f.name: keywords.pop(f.name) for f in fields(kind) if f.name in keywords}
             chosen = keywords.pop("options", None) or kind()
             return function(*given, options=check(replace(chosen, **own)), **keywords)
@@ -127,6 +130,7 @@ def takes(kind: Type[Any]) -> Callable[[Callable[..., _T]], Callable[..., _T]]:
         # The docstring has the types: as Python writes them they fill the screen before it.
         bare = [one.replace(annotation=inspect.Parameter.empty) for one in given.values()]
         parameters = sorted(bare, key=lambda one: one.kind)
+        known = [one.name for one in parameters]
         vars(taking)["__signature__"] = signature.replace(parameters=parameters)
         taking.__doc__ = docstrings.with_options(function, kind)
         return taking
