@@ -63,7 +63,7 @@ def _errors_title(story: Story, flights: Sequence[Flown]) -> str:
     """What the errors show: how far they fall."""
     known = [off[0] for off in flights[-1].errors.values() if off]
     if len(known) < 2:
-        return "How far the given model's predictions are off"
+        return "Prediction errors of the given model"
     told = flights[-1].flight.number, millimetres(known[0]), millimetres(known[-1])
     return "On flight %d predictions are off by %s with the given model, by %s with what was found" % told
 

@@ -34,7 +34,7 @@ CLOSED = (
     "effects of commands, and its intervals may miss the truth; record commands that do not depend on the "
     "motion, such as a PRBS, alone or on top of the controller's"
 )
-FITTING, ALONE = "fitting", "fitting to each run alone"  # stages
+FITTING, ALONE = "fitting", "fitting to each run separately"  # stages
 
 
 @dataclass(frozen=True)

@@ -92,8 +92,8 @@ def more_acts(found: Optional[PredictionError], name: str, finds: str) -> str:
     if not ratio > MORE_ACTS:
         return ""
     return (
-        "prediction errors are %s times the noise floor: an effect is missing, or a random force "
-        "acts. This says which:\n%s" % (two_digits(ratio), finds)
+        "prediction errors are %s times the noise floor: an effect is missing, or a random "
+        "disturbance acts. To find out which:\n%s" % (two_digits(ratio), finds)
     )
 
 
