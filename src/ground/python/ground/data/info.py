@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model",
         metavar="MODEL.yaml",
-        help="a model of the craft: find from the motion which channel drives which of its thrusters",
+        help="model of the craft: find from the motion which channel drives which of its thrusters",
     )
     parser.add_argument("--force", action="store_true", help="overwrite the mapping file")
 
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> List[Dict[str, object]]:
             command_line.say(arguments, "  | " + line)
     angles = [str(one["channel"]) for one in model.thrusters if one["is_angle"]] if model else []
     if angles:
-        text = "which channel drives which thruster is not judged: what a thruster does changes with %s"
+        text = "which channel drives which thruster is not judged: a thruster's effect changes with %s"
         command_line.say(arguments, text % ", ".join(angles))
     elif model:
         with arguments.work.stage("judging which channel drives which thruster"):
@@ -99,7 +99,7 @@ def _headline(described: Sequence[Document], of_all: Sequence[str], read: Sequen
         yield "Next", "look at %s: %s" % (", ".join(doubtful), odd[doubtful[0]][0])
     else:
         fits = "rosrun ground identify fit %s --model MODEL -o fitted.yaml"
-        yield "Next", "nothing to mend; fit a model:\n" + fits % " ".join(map(shlex.quote, read))
+        yield "Next", "nothing to correct; fit a model:\n" + fits % " ".join(map(shlex.quote, read))
 
 
 def _from(mapping_file: str, path: str) -> str:

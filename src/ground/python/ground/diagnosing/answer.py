@@ -157,7 +157,7 @@ def _left(report: DiagnosisReport) -> str:
 
 
 def _is_chance(report: DiagnosisReport) -> bool:
-    """Whether runs with the same commands show that more than half of what is left is a random push."""
+    """Whether runs with the same commands show that more than half of the rest is a random disturbance."""
     found = report.agreement.common
     return bool(report.agreement.holds and found and found.low <= 0 and found.high < 1 / 2)
 
@@ -260,7 +260,7 @@ def _undecided(report: DiagnosisReport, depends: bool) -> str:
     if not report.agreement.holds:
         return words.pattern(report) + "."
     if report.improved.by == "simulation" and not report.steps:
-        return "the likelihood mistakes the rest for a random disturbance, and predicts worse than another fit."
+        return "the likelihood takes the rest for a random disturbance and predicts worse than another fit."
     told = "a random disturbance explains the rest as well as an effect of up to %.0f%% of it would."
     return told % float(100 * report.ceiling.bound)
 
@@ -314,7 +314,7 @@ def _next(report: DiagnosisReport, folder: str) -> str:
 
 
 def _repeat(report: DiagnosisReport, by: str) -> str:
-    """The flights that tell whether what is left is chance; by: how they are flown."""
+    """The flights that show whether the remaining error is chance; by: how they are flown."""
     if report.agreement.common:
         return "fly the same commands more often, and diagnose all runs: their common part is not yet clear"
     return (

@@ -150,7 +150,7 @@ class Diagnosis(Shown, Plotted, Estimated):
 
     def to_frame(self) -> "pandas.DataFrame":
         """Table of the effects tried, best first, indexed by name: p, p_corrected (for their number),
-        delta_bic, error_fit, error_heldout, selected, seen, estimates (in words, of each effect by itself)."""
+        delta_bic, error_fit, error_heldout, selected, seen, estimates (in words, effect by effect)."""
         import pandas
 
         rows = [

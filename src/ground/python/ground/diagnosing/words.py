@@ -168,7 +168,7 @@ def left(report: DiagnosisReport) -> Iterator[str]:
 
 
 def unexplained(report: DiagnosisReport) -> Iterator[str]:
-    """An effect that would lower what is left."""
+    """An effect that would lower the remaining error."""
     proposal = report.unexplained.proposal
     if proposal:
         values = ["%s = %.4g %s" % (n, p.value, p.unit) for n, p in proposal.parameters.items()]
@@ -196,13 +196,13 @@ def extent(report: DiagnosisReport) -> Iterator[str]:
 
 
 def common(found: Common) -> str:
-    """What runs with the same commands have in common of what is left."""
+    """The part of the missing force that runs with the same commands share."""
     part = _part(found.share, found.low, found.high)
     return "runs with the same commands share %s of the missing force" % part
 
 
 def pattern(report: DiagnosisReport) -> str:
-    """How what is left differs from a steady random push."""
+    """How the remaining error differs from a steady random disturbance."""
     found = report.agreement
     if found.frequency:
         return (
@@ -210,7 +210,7 @@ def pattern(report: DiagnosisReport) -> str:
             "fan or an unbalanced motor" % found.frequency
         )
     if found.common and found.common.stands_out:
-        return common(found.common) + ", which neither an effect of the library nor a recorded quantity describes"
+        return common(found.common) + ", which no effect of the library and no recorded quantity describes"
     return "the rest acts only at some times or places, as gusts, cables, a bad floor or late commands would"
 
 

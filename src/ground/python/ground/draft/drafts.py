@@ -47,7 +47,7 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
     if chosen is None and not other and not any(seen.values for seen in every):
         why = "".join("\n  " + line.lstrip("# ") for line in unread)
         raise GroundError(
-            "%s: nothing in it has poses or numbers that could be commands%s" % (source.path, why)
+            "%s: it contains neither poses nor numbers that could be commands%s" % (source.path, why)
         )
     lines = ["# Drafted from %s. Check it: each guess gives its reason." % source.path]
     lines += ["schema: %s" % SCHEMA, "", "# In the file:"]

@@ -44,7 +44,7 @@ FITTING = "fitting without the effect and with it"  # stage
 class Verdict:
     """Whether an effect helps. The error on held-out data must fall by more than chance explains, and its
     parameters must differ from the values at which it does nothing, possibly only in combination. Where all
-    masses of a craft are fitted, only ratios of forces to masses are identifiable, and no single parameter."""
+    masses of a craft are fitted, only ratios of forces to masses are identifiable, no single parameter."""
 
     helps: bool  #: whether the effect helps
     change: float  #: relative change of the held-out error: -0.1 is 10% less

@@ -122,12 +122,12 @@ class MocapClient:
         if self._follower.offset.jump:
             jump = -self._follower.offset.jump
             self._say(
-                "jump", rospy.logwarn, "its clock was set by %+.3f s beside this computer's" % jump, 1.0
+                "jump", rospy.logwarn, "its clock stepped by %+.3f s relative to this computer's" % jump, 1.0
             )
         names = self._source.names()
         if not frame.tracked and self._body not in names:
             listed = ", ".join(names) or "none"
-            self._say("names", rospy.logwarn, "the mocap has no body %s; it has %s" % (self._body, listed))
+            self._say("names", rospy.logwarn, "the mocap tracks no body %s; its bodies: %s" % (self._body, listed))
         elif frame.tracked != self._seen:
             what = "is seen" if frame.tracked else "is lost"
             self._say(what, rospy.loginfo, "%s %s" % (self._body, what))
