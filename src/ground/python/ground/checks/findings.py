@@ -320,7 +320,7 @@ def grave(d: Document) -> Iterator[str]:
         )
     if d["breaks"]:
         times = _named(["%.2f s" % time for time in d["breaks"]])
-        yield "position and heading step at once, so another run begins, and no window spans the step: " + times
+        yield "position and heading step at once, so another run begins; no window spans this: " + times
     if abs(d["clock_offset"]) > repair.CLOCK_OFFSET:
         text = "the stamps of the poses are %.3f s off the clock of the commands; shifted"
         yield text % -d["clock_offset"]

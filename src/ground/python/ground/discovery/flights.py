@@ -163,7 +163,9 @@ class Flights:
         for version in story.versions:
             self.models[version.label] = self.journal.model(version.file)
         if self.models[GIVEN].format() != self.given.format():
-            raise GroundError("%s is from the discovery of another model: name a new one" % self.journal.folder)
+            raise GroundError(
+                "%s contains the discovery of another model: name a new folder" % self.journal.folder
+            )
         if story.sure:
             return story
         story.budget = max(story.budget, self.settings.budget)

@@ -93,7 +93,7 @@ def target(path: str, to: Optional[str]) -> str:
         "%s: unknown format; name the file %s, or choose one of %s with --to (to= in Python)"
         % (path, ends, ", ".join(TARGETS))
         if to is None
-        else "a model is not exported to %s; --to (to= in Python) accepts one of %s" % (to, ", ".join(TARGETS))
+        else "a model is not exported to %s; --to (to= in Python) needs one of %s" % (to, ", ".join(TARGETS))
     )
 
 

@@ -99,8 +99,8 @@ def to_mcap(
     Raises
     ------
     GroundError
-        When there are more than two models, a model cannot predict the run, foxglove-sdk is not installed, or the file
-        cannot be written.
+        When there are more than two models, a model cannot predict the run, foxglove-sdk is not installed, or
+        the file cannot be written.
 
     Examples
     --------

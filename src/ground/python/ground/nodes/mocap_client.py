@@ -127,7 +127,7 @@ class MocapClient:
         names = self._source.names()
         if not frame.tracked and self._body not in names:
             listed = ", ".join(names) or "none"
-            self._say("names", rospy.logwarn, "the mocap tracks no body %s; its bodies: %s" % (self._body, listed))
+            self._say("names", rospy.logwarn, "the mocap has no body %s; it has %s" % (self._body, listed))
         elif frame.tracked != self._seen:
             what = "is seen" if frame.tracked else "is lost"
             self._say(what, rospy.loginfo, "%s %s" % (self._body, what))

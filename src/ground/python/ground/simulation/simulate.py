@@ -437,7 +437,7 @@ def disturbance_on(model: Model, given: Disturbance, trim: Optional[float]) -> O
         found = model.core.copy().disturbance
         if found.empty():
             raise OptionError(
-                "{0}: {model} contains none; give SHARE and TIME", "disturbance", model=model.path or model.name
+                "{0}: {model} gives none; give SHARE and TIME", "disturbance", model=model.path or model.name
             )
         if trim is None:
             return found
