@@ -129,7 +129,7 @@ def test_a_search_finds_better_gains_and_writes_them(tmp_path):
     [
         (["--references", "spiral.csv"], "spiral.csv: cannot be read"),
         (["--references", "spiral"], "must be one of circle"),
-        (["--references", "circle:sise=2"], "circle does not take 'sise'"),
+        (["--references", "circle:sise=2"], "circle has no parameter 'sise'"),
         (["--references", "sinusoid:petals=2"], "sinusoid:petals=2: reference sinusoid does not"),
         (["--references", "circle:size=big"], "'big' is not a number"),
         (["--controller", "OpenLoopPRBS"], "invalid choice"),

@@ -52,7 +52,7 @@ def _deviation(name: str, value: float, given: Union[float, str]) -> float:
         raise GroundError("prior of %s: %s is neither a number nor a share such as 20%%" % (name, given))
     if share and value == 0:
         raise GroundError(
-            "prior of %s: its value is 0, and so is %s of it; give the deviation in the parameter's unit" % (name, text)
+            "prior of %s: its value is 0, and so is %s of it; give the deviation in its unit" % (name, text)
         )
     found = abs(value) * number / 100 if share else number
     if not 0 < found < math.inf:
