@@ -354,7 +354,7 @@ def test_headings_in_rows_of_their_own_are_interpolated(unit, run, tmp_path):
             "lift": run.lift,
         },
     )
-    with pytest.warns(UserWarning, match="headings stand in rows of their own: .* at 149 of 150 positions"):
+    with pytest.warns(UserWarning, match="headings are in separate rows: .* at 149 of 150 positions"):
         found = drafted(path, tmp_path)
     assert len(found.pose_times) == 149
     true = np.column_stack([run.x, run.y, run.psi])[1:-1:2]
@@ -418,7 +418,7 @@ def test_a_name_that_stands_twice_is_named_by_its_number(run, tmp_path):
 def test_a_cut_file_is_read_to_its_last_whole_line(run, tmp_path):
     path = written(tmp_path, plain(run))
     path.write_bytes(path.read_bytes()[:-40] + b"\0" * 100)
-    with pytest.warns(ground.GroundWarning, match="last line is cut"):
+    with pytest.warns(ground.GroundWarning, match="last line is truncated"):
         found = mapped(path)
     assert (
         found.eta == pytest.approx(run.eta[: len(found.eta)], abs=1e-8) and len(found.eta) == len(run.eta) - 1

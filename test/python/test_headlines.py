@@ -135,7 +135,7 @@ PROPOSAL = {
 def test_an_effect_is_as_certain_as_its_interval_says(report):
     """The interval is widened by what runs differ by; the likelihood assumes that they are the same."""
     found, tau = copy.deepcopy(report), report["improved"]["parameters"]["motor_lag.tau"]
-    words = ["may be nothing at all", "Likely.", "Certain.", "Very certain."]
+    words = ["may be zero", "Likely.", "Certain.", "Very certain."]
     for part, word in zip((1.0, 0.8, 0.5, 0.1), words):  # of the value, between it and an end
         ends = [(1 - part) * tau["value"], (1 + part) * tau["value"]]
         found["improved"]["parameters"]["motor_lag.tau"] = dict(tau, ci95=ends)
