@@ -256,7 +256,7 @@ class Model(Shown):
 
     @property
     def free(self) -> Tuple[str, ...]:
-        """Parameters that runs can determine: those of the rigid body, and all of the effects."""
+        """Parameters that runs can determine: the rigid body's, and all parameters of the effects."""
         from ground.analysis import window_error
 
         return tuple(window_error.free_parameters(self.core))

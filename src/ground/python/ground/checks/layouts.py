@@ -67,7 +67,7 @@ class Hypothesis:
     """A way to read the commands and the poses of recordings."""
 
     channels: Tuple[str, ...]  #: channel of each thruster
-    signs: Tuple[int, ...]  #: of each thruster's channel; -1: inverted, 0: it does not act
+    signs: Tuple[int, ...]  #: sign of each thruster's channel; -1: inverted, 0: it does not act
     heading_offset: float = 0.0  #: measured minus true heading that remains [rad]
     heading_sign: int = 1  #: -1: the measured heading is positive the other way round
     mirrored: bool = False  #: whether one axis of the positions points the other way

@@ -263,7 +263,7 @@ def _unit_of(seen: Seen, pose: sightings.PoseColumns, times: Array, position: Ar
     said = every.pop() if len(every) == 1 else ""
     if pose.kind == "fix":
         is_named = words.axis(pose.position[0])[0] in ("lat", "lon")
-        return "deg", ("" if is_named else MARK + "the numbers alone look like degrees, ") + evidence
+        return "deg", ("" if is_named else MARK + "only the numbers suggest degrees, ") + evidence
     if said in {**LENGTHS, **FURTHER_LENGTHS}:
         return said, (MARK + "m is fast, " if said == "m" and likely else "") + evidence
     is_known = seen.kind in pose_columns.KINDS and not likely

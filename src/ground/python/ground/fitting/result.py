@@ -75,7 +75,7 @@ class RunFit:
     ci95: Dict[str, Tuple[float, float]]  #: their 95% intervals
     error: float  #: error of a fit to this run only
     heldout_error: float  #: error of a fit to the other runs
-    disagrees_in: List[str]  #: parameters whose estimate differs from that of the other runs
+    disagrees_in: List[str]  #: parameters whose estimate differs from the other runs
 
 
 @dataclass(frozen=True, repr=False)

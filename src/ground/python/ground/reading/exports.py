@@ -131,7 +131,7 @@ def _note_bodies(head: Head, program: str, unit: str) -> None:
     bodies = list(dict.fromkeys(name.split(".")[0] for name in head.names if ".position." in name))
     if not bodies:
         raise GroundError(
-            "an export of %s without rigid bodies: export the rigid body of the craft, because markers alone "
+            "an export of %s without rigid bodies: export the rigid body of the craft, because markers "
             "have no heading" % program
         )
     head.euler = tuple(b for b in bodies if head.order and b + ".rotation.w" not in head.names)

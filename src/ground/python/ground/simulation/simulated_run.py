@@ -125,11 +125,11 @@ class SimulatedRun(Recording):
         return replace(self, voltage=Voltage(self.truth_times + SENSED, measured, TELLS))
 
     def save(self, path: Path, force: bool = False, progress: Progress = None) -> Dict[str, int]:
-        """Writes a bag like those of launch/record.launch.
+        """Writes a bag in the form that launch/record.launch records.
 
-        The same run gives the same bytes, except for the computing times of a controller. Poses are those of
-        the rigid body, in the mocap's axes. Header stamps are times of measurement, record times are times of
-        delivery.
+        The same run gives the same bytes, except for the computing times of a controller. Poses are
+        the rigid body's, in the mocap's axes. Header stamps are times of measurement, record times are
+        times of delivery.
 
         Returns
         -------
