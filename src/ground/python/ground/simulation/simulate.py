@@ -78,7 +78,8 @@ class Acting:
     disturbance: Disturbance = option(
         False,
         "apply a random disturbance: its standard deviation as a share of full thrust (X, Y) and of the "
-        "moment of one thruster (N), and its correlation time [s]; without numbers (True), as in the model file",
+        "moment of one thruster (N), and its correlation time [s]; without numbers (True), as in the model "
+        "file",
         type=number,
         nargs="*",
         metavar="SHARE TIME",
