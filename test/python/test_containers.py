@@ -394,7 +394,7 @@ def test_a_draft_reads_what_it_was_drafted_from(make, tmp_path):
 def test_a_file_without_poses_or_commands_has_no_draft(tmp_path):
     path = write_csv(tmp_path / "names.csv", ["name", "place"], [("a", "b"), ("c", "d")])
     result = identify("info", path, "--write-mapping", tmp_path / "draft.yaml")
-    assert result.returncode == 1 and "neither poses nor numbers" in result.stderr
+    assert result.returncode == 1 and "no row contains numbers" in result.stderr
     assert not (tmp_path / "draft.yaml").exists()
 
 

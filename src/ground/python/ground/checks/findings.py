@@ -153,7 +153,7 @@ def _poses_of(run: RepairedRun) -> Document:
         "heading_wraps": int((np.abs(np.diff(angles.wrap(motion.measured[:, 2]))) > np.pi).sum()),
         "mirrored_headings": motion.repairs["headings mirrored back"],
         "heading_steps": [{"time": float(t - run.zero), "angle": angle} for t, angle in motion.heading_steps],
-        "frozen": motion.repairs["frozen poses left out"],
+        "frozen": motion.repairs["frozen poses dropped"],
         "overtaken": motion.repairs["poses that overtook each other put in order"],
         "spikes": [float(t - run.zero) for t in motion.spikes],
     }

@@ -22,7 +22,7 @@ OPEN, PRESENT, ABSENT = "open", "present", "absent"
 HIDDEN = "not identifiable"  # no flight in this room shows it or distinguishes it from others
 SLIGHT = "too small to matter"  # it acts, but moves the craft by less than the poses' noise
 
-LEFT = "the remaining error"  # the question what no effect explains
+LEFT = "what is left"  # the question what no effect explains
 GIVEN = "given"  # label of the model that a discovery begins with
 
 Point = Tuple[float, float, float]  # time since the flight began [s], x, y [m], world_ned
