@@ -228,7 +228,7 @@ MISTAKES = [
     case("percent", commands(100), r"looks like percent; name their unit"),
     case("microseconds", commands(1000, 1000), r"looks like microseconds; name their unit"),
     case("axes", z_up, r'--axes "x, -y, -z" fits 100%'),
-    case("swapped", swapped, SWAPPED + ".*exchange the names left and right"),
+    case("swapped", swapped, SWAPPED + ".*swap the names left and right"),
     case("inverted", inverted(1, 2), r"both thrusters seem to be inverted.*off and full of both"),
     case("left inverted", inverted(1), r"left seems to be inverted.*off and full of left"),
     case("right inverted", inverted(2), r"right seems to be inverted.*off and full of right"),

@@ -47,7 +47,7 @@ def steered(name, held, duration, noise, sign, seed=1):
 )
 def test_the_wrong_sign_of_a_rudder_is_named(craft):
     (finding,) = steered(*craft, sign=-1)
-    assert finding.evidence.startswith("the angle rudder seems to be of the wrong sign")
+    assert finding.evidence.startswith("the angle rudder seems to have the wrong sign")
     assert "of rudder under commands.channels" in finding.remedy
     assert not steered(*craft, sign=1)
 

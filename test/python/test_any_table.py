@@ -252,7 +252,7 @@ def test_a_trajectory_without_names_is_that_of_tum(run, tmp_path):
     )
     draft = tmp_path.parent / "tum.yaml"
     succeeds("info", tmp_path, "--write-mapping", draft, "--force")
-    with pytest.warns(ground.GroundWarning, match="no row names the columns: as of a trajectory of TUM"):
+    with pytest.warns(ground.GroundWarning, match="no row names the columns: as in a TUM trajectory"):
         (found,) = ground.read(tmp_path, mapping=draft)
     same(found, run)
 
@@ -354,7 +354,7 @@ def test_headings_in_rows_of_their_own_are_interpolated(unit, run, tmp_path):
             "lift": run.lift,
         },
     )
-    with pytest.warns(UserWarning, match="headings stand in rows of their own: .* at 149 of 150 positions"):
+    with pytest.warns(UserWarning, match="headings are in separate rows: .* at 149 of 150 positions"):
         found = drafted(path, tmp_path)
     assert len(found.pose_times) == 149
     true = np.column_stack([run.x, run.y, run.psi])[1:-1:2]
@@ -375,7 +375,7 @@ def test_an_empty_command_is_held_or_off_as_the_mapping_says(run, tmp_path):
     left = [cell if value else "" for cell, value in zip(numbers(run.left), run.left)]
     path = written(tmp_path, plain(run, left=left))
     off = MAPPING.replace("commands:\n", "commands:\n  empty: off\n")
-    with pytest.warns(ground.GroundWarning, match="missing values of commands are off: left"):
+    with pytest.warns(ground.GroundWarning, match="missing values of commands are read as off: left"):
         same(mapped(path, off), run)
     with pytest.warns(ground.GroundWarning, match="left is missing in .* held .*empty: off"):
         held = mapped(path)
@@ -409,7 +409,7 @@ def test_a_name_that_stands_twice_is_named_by_its_number(run, tmp_path):
     columns = {**plain(run), "x ": run.x * 0 + 0.1}
     path = written(tmp_path, columns)
     same(mapped(path, MAPPING.replace("[x, y]", '["x#1", y]')), run)
-    with pytest.raises(ground.GroundError, match="2 columns are named so: write x#1 or x#2"):
+    with pytest.raises(ground.GroundError, match="2 columns have this name: write x#1 or x#2"):
         mapped(path)
     same(drafted(path, tmp_path), run)
     same(mapped(written(tmp_path, {**plain(run), "x ": run.x})), run)  # both are the same
@@ -418,7 +418,7 @@ def test_a_name_that_stands_twice_is_named_by_its_number(run, tmp_path):
 def test_a_cut_file_is_read_to_its_last_whole_line(run, tmp_path):
     path = written(tmp_path, plain(run))
     path.write_bytes(path.read_bytes()[:-40] + b"\0" * 100)
-    with pytest.warns(ground.GroundWarning, match="last line is cut"):
+    with pytest.warns(ground.GroundWarning, match="last line is truncated"):
         found = mapped(path)
     assert (
         found.eta == pytest.approx(run.eta[: len(found.eta)], abs=1e-8) and len(found.eta) == len(run.eta) - 1
@@ -515,7 +515,7 @@ def test_frames_are_times_by_their_rate(run, tmp_path):
     same(mapped(path, MAPPING.replace("field: t}", "field: frame, rate: 100}")), run)
     with pytest.raises(ground.GroundError, match="poses.time.rate has no value"):
         mapped(path, MAPPING.replace("field: t}", "field: frame, rate: }"))
-    with pytest.warns(ground.GroundWarning, match="numbers of frames at the 100 Hz that the file says"):
+    with pytest.warns(ground.GroundWarning, match="frame numbers at the 100 Hz"):
         same(drafted(written(tmp_path, columns, above=["# Capture rate: 100 Hz"]), tmp_path), run)
 
 
@@ -542,7 +542,7 @@ def test_the_latest_rows_may_come_first(run, tmp_path):
 def test_a_clock_of_32_bits_that_begins_again_goes_on(run, tmp_path):
     counts = (np.rint(1e6 * (run.times - START)).astype(np.int64) + 2**32 - 1000000) % 2**32
     path = written(tmp_path, plain(run, t=["%d" % count for count in counts]))
-    with pytest.warns(ground.GroundWarning, match="32 bits begins again"):
+    with pytest.warns(ground.GroundWarning, match="32 bits starts again"):
         same(mapped(path, MAPPING.replace("field: t}", "field: t, unit: us}")), run)
 
 
@@ -562,7 +562,7 @@ def test_rows_of_several_bodies_are_told_apart_by_their_name(run, tmp_path):
     columns = {n: np.repeat(numbers(c), 2).tolist() for n, c in plain(run).items()}
     columns["x"][1::2] = ["7"] * len(run.x)
     path = written(tmp_path, {"body": ["craft", "wand"] * len(run.x), **columns})
-    with pytest.raises(ground.GroundError, match="several bodies: craft, wand; choose one by --body"):
+    with pytest.raises(ground.GroundError, match="several bodies: craft, wand; choose one with --body"):
         mapped(path)
     found = mapped(path, body="craft")
     assert found.eta == pytest.approx(run.eta, abs=1e-8)
@@ -578,7 +578,7 @@ def test_files_of_other_programs_are_refused_with_what_to_export(tmp_path):
 def test_a_format_is_given_where_it_cannot_be_guessed(run, tmp_path):
     odd = texts(run, "%S.%f past %M of %H on day %j of %Y")
     path = written(tmp_path, plain(run, t=odd))
-    with pytest.raises(ground.GroundError, match="no times that are known.*format: "):
+    with pytest.raises(ground.GroundError, match="known format.*format: "):
         mapped(path)
     text = MAPPING.replace("field: t}", 'field: t, format: "%S.%f past %M of %H on day %j of %Y"}')
     same(mapped(path, text), run)
@@ -798,7 +798,7 @@ def test_a_row_for_each_value_becomes_a_column_for_each_signal(run, tmp_path):
     path.write_text("\n".join(["time,signal,value", *rows]) + "\n")
     same(drafted(path, tmp_path), run)
     result = identify("info", path, "--mapping", tmp_path / "draft.yaml")
-    assert "signal names the signals, and value has their values" in result.stdout + result.stderr
+    assert "signal names the signal, value holds its value" in result.stdout + result.stderr
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -257,7 +257,7 @@ def test_errors_name_arguments_as_python_has_them(flown):
         "clock does not go with input tracking": dict(input="tracking", clock=3.0),
         "lift: 2 is not between 0 and 1": dict(lift=2.0),
         "'sing' is neither one of": dict(input="sing"),
-        "disturbance takes a SHARE": dict(disturbance=(3.0, 1.0)),
+        "disturbance accepts a SHARE": dict(disturbance=(3.0, 1.0)),
     }
     for message, options in cases.items():
         with pytest.raises(ground.OptionError) as error:

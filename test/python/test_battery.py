@@ -120,7 +120,7 @@ def test_columns_of_a_table_are_named_in_a_mapping(runs, tmp_path):
     described = findings.described(quality.repaired(read))["battery"]
     assert described["first"] > described["last"] and described["unusable"] == 2
     mapping.write_text(mapping.read_text().replace("vbat", "volts"))
-    with pytest.raises(GroundError, match="have a field volts, which .* names as battery.voltage"):
+    with pytest.raises(GroundError, match="contain a field volts, which .* names as battery.voltage"):
         ground.read(str(table), mapping=str(mapping))
 
 

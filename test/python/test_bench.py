@@ -293,7 +293,7 @@ def test_a_log_of_one_thruster_with_its_command_and_unit(tmp_path):
             "the unit of column force is not known; give it with --unit",
         ),
         (("t", "a_g", "b"), "log.csv", [], "--log-columns TIME FORCE COMMAND"),
-        (("t", "weight_g", "pwm"), "log.csv", [], "which thruster it is of is not known"),
+        (("t", "weight_g", "pwm"), "log.csv", [], "its thruster is not known"),
         (("t", "weight_g", "bitmask"), "right.csv", [], "named after right, but its bits say left"),
         (
             ("t", "a_g", "b"),

@@ -1,4 +1,4 @@
-"""What a model leaves is called a random push only where nothing speaks against it: not where it has a
+"""The remaining error is called a random disturbance only where nothing speaks against it: not where it has a
 frequency of its own, and for certain only where the same commands were given twice."""
 
 import numpy as np
@@ -63,4 +63,4 @@ def test_what_comes_back_with_the_same_commands_is_no_chance(given):
     found = ground.diagnose(given, [flown(true, *pair) for pair in ((1, 1), (1, 2), (2, 3))], only=["wind"])
     common = found.report["agreement"]["common"]
     assert common["low"] > 0.2 or found.proposal is not None
-    assert "random push" not in said(found)
+    assert "is a random disturbance" not in said(found)

@@ -175,7 +175,7 @@ def test_the_log_of_a_ferry_with_four_turning_thrusters(tmp_path):
     succeeds("info", folder, "--write-mapping", draft)
     result = succeeds("info", folder, "--mapping", draft)
     assert all("angle_reference_%d" % number in result.stdout for number in (1, 2, 3, 4))
-    assert "what a thruster does changes with angle_reference_1" in " ".join(result.stdout.split())
+    assert "changes with angle_reference_1" in " ".join(result.stdout.split())
 
 
 def test_the_commands_of_several_crafts_are_not_those_of_one(run, tmp_path):

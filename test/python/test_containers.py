@@ -251,7 +251,7 @@ def test_every_container_gives_the_same_fit(make, wanted, tmp_path):
 def test_a_body_is_chosen_and_never_guessed(tmp_path):
     path, _ = written(tf, tmp_path / "run")
     options = {"command_topic": "/demand", "axes": Z_UP}
-    with pytest.raises(ground.GroundError, match="several bodies: craft, wall; choose one by --body"):
+    with pytest.raises(ground.GroundError, match="several bodies: craft, wall; choose one with --body"):
         ground.read(path, **options)
     with pytest.raises(ground.GroundError, match="no body is named car; there are craft, wall"):
         ground.read(path, body="car", **options)
@@ -394,7 +394,7 @@ def test_a_draft_reads_what_it_was_drafted_from(make, tmp_path):
 def test_a_file_without_poses_or_commands_has_no_draft(tmp_path):
     path = write_csv(tmp_path / "names.csv", ["name", "place"], [("a", "b"), ("c", "d")])
     result = identify("info", path, "--write-mapping", tmp_path / "draft.yaml")
-    assert result.returncode == 1 and "nothing in it has poses or numbers" in result.stderr
+    assert result.returncode == 1 and "no row contains numbers" in result.stderr
     assert not (tmp_path / "draft.yaml").exists()
 
 

@@ -463,7 +463,7 @@ def test_a_model_that_diverges_along_whole_runs_is_diagnosed_and_said_to_do_so(t
     with pytest.warns(ground.GroundWarning, match="motion along run 1 is not finite"):
         found = ground.diagnose(craft, runs, only=["yaw_bias"])
     assert found.effects == () and found.verdict == "undecided"
-    assert any("not finite along whole runs" in text for _, text in found.headline())
+    assert any("not finite over whole runs" in text for _, text in found.headline())
     assert list(found.details())
     with pytest.warns(ground.GroundWarning, match="no run is drawn: run 1"):
         written = found.save(tmp_path / "diagnosis")

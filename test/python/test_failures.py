@@ -170,10 +170,10 @@ def test_an_unusable_path_is_one_line(here, capsys, monkeypatch):
     fails(capsys, fit + ["x" * 300 + ".yaml"], "name", "shorter")
     fails(capsys, fit + ["/proc/out.yaml"], "/proc/out.yaml")
     (here / "empty").mkdir()
-    fails(capsys, ["info", "empty"], "no bag or bag of ROS 2 or table in this folder")
+    fails(capsys, ["info", "empty"], "contains no bag, ROS 2 bag or table")
     fails(capsys, ["info", "x" * 300], "no such file")
     options = ["--model", "model.yaml", "-o", "out.yaml"]
-    fails(capsys, ["fit", "empty", *options], "no bag or bag of ROS 2 or table in this folder")
+    fails(capsys, ["fit", "empty", *options], "contains no bag, ROS 2 bag or table")
     fails(capsys, ["fit", "run.bag", "--model", ".", "-o", "out.yaml"], "it is a folder")
     fails(capsys, ["fit", "run.bag", "--model", "run.bag", "-o", "out.yaml"], "run.bag")
     fails(capsys, ["compare", "run.bag", "--model", "model.yaml", "-o", "run.bag"], "folder")

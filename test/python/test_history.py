@@ -114,7 +114,7 @@ def test_a_run_without_a_turn_is_wide_not_refused(tmp_path):
         ends = found["ci95"] if found else [None]
         return np.inf if None in ends else ends[1] - ends[0]
 
-    assert "cannot be said" in repr(ground.history(tmp_path, model=MODEL))
+    assert "cannot be decided" in repr(ground.history(tmp_path, model=MODEL))
     for name in ("I_z", "N_r"):
         assert width(straight, name) > 3 * max(width(run, name) for run in turning)
     assert width(straight, "k") < 0.5 * model["k"]

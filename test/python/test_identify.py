@@ -265,7 +265,7 @@ def test_bad_files_are_refused_with_a_reason(tmp_path, bag, guess):
 def test_a_folder_stands_for_the_bags_in_it(tmp_path, guess):
     folder = tmp_path / "runs [1]"
     folder.mkdir()
-    fails(identify("info", folder), "runs [1]: there is no bag or bag of ROS 2 or table in this folder")
+    fails(identify("info", folder), "runs [1]: this folder contains no bag")
     for seed in (1, 2):
         write_bag(folder / ("run%d.bag" % seed), seed=seed)
     (folder / "notes.txt").write_text("no bag")

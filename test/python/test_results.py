@@ -142,10 +142,10 @@ def test_a_discovery_is_read_from_its_folder(discovered):
         ("nothing", None, "no such file"),
         ("diagnosis.json", "{", "not JSON"),
         ("compare.json", "{}", "schema"),
-        ("other.json", "[]", "not the file of a result"),
-        ("other.json", "{}", "not the file of a result"),
+        ("other.json", "[]", "not a result file"),
+        ("other.json", "{}", "not a result file"),
         ("model.yaml", "a: 1", "model.yaml"),
-        ("notes.txt", "hello", "no row has numbers"),
+        ("notes.txt", "hello", "no row contains numbers"),
     ],
 )
 def test_what_cannot_be_loaded_is_named(name, text, words, tmp_path):

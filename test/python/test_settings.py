@@ -143,7 +143,7 @@ def test_bags_without_settings_are_read_with_defaults(tmp_path, verb):
     planar = write_bag(tmp_path / "planar.bag")
     text, err = verb("info", planar, "--axes", TURNED)
     assert "measured    heading_offset 0 rad (default)" in text
-    assert "--axes changes nothing: the bag has planar poses" in err
+    assert "--axes changes nothing: the bag contains planar poses" in err
 
 
 def test_runs_with_different_settings_are_named(tmp_path, verb):

@@ -183,8 +183,8 @@ def test_a_reference_from_a_file(tmp_path):
     "arguments, message",
     [
         (["--reference", "spiral"], "must be one of circle, line"),
-        (["--speed", "1"], "circle does not take 'speed'; it takes x, y, size, rate_of_turn"),
-        (["--reference", "line", "--size", "1"], "line does not take 'size'"),
+        (["--speed", "1"], "circle has no parameter 'speed'; it has x, y, size, rate_of_turn"),
+        (["--reference", "line", "--size", "1"], "line has no parameter 'size'"),
         (["--reference", "missing.csv"], "missing.csv: cannot be read"),
         (["--gains", "missing.yaml"], "missing.yaml"),
         (["--perturb", "q=2"], "no parameter 'q'"),

@@ -129,8 +129,8 @@ def test_a_search_finds_better_gains_and_writes_them(tmp_path):
     [
         (["--references", "spiral.csv"], "spiral.csv: cannot be read"),
         (["--references", "spiral"], "must be one of circle"),
-        (["--references", "circle:sise=2"], "circle does not take 'sise'"),
-        (["--references", "sinusoid:petals=2"], "sinusoid:petals=2: reference sinusoid does not"),
+        (["--references", "circle:sise=2"], "circle has no parameter 'sise'"),
+        (["--references", "sinusoid:petals=2"], "sinusoid:petals=2: reference sinusoid has no"),
         (["--references", "circle:size=big"], "'big' is not a number"),
         (["--controller", "OpenLoopPRBS"], "invalid choice"),
         (["--model", DELAYED], "because it does not use input_delay"),

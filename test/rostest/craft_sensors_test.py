@@ -29,7 +29,7 @@ class CraftSensorsTest(unittest.TestCase):
         harness.wait_for(lambda: self.telemetry.message, 10, "telemetry")
         self.assertEqual(self.telemetry.message.voltage, 0, "this craft has no battery")
         harness.wait_for(
-            lambda: any("agree with the poses and count" in m.msg for _, m in list(self.log.all)),
+            lambda: any("agree with the poses" in m.msg for _, m in list(self.log.all)),
             60,
             lambda: "sensors that count: %s" % [m.msg for _, m in list(self.log.all)][-5:],
         )

@@ -59,7 +59,7 @@ class IdentificationTest(unittest.TestCase):
             ({"last": 5.0, "model": "/nowhere.yaml"}, "no model of this name"),
             ({"last": 5.0, "bags": ["x.bag"]}, "not both"),
             ({"last": -5.0}, "must be positive"),
-            ({"bags": [output]}, "there is no bag or bag of ROS 2 or table in this folder"),
+            ({"bags": [output]}, "contains no bag, ROS 2 bag or table"),
         ):
             answer = self.diagnose(**request)
             self.assertFalse(answer.success)

@@ -270,8 +270,8 @@ TEST_F(GroundLinkTest, ACraftThatCountsNoMoreCommandsIsAFault) {
   }
   EXPECT_NEAR(now_ - last, 1.0, 0.03);
   EXPECT_EQ(link().reason(),
-            "the craft does not follow its commands: its count of received commands stands "
-            "still");
+            "the craft does not follow its commands: its count of received commands has "
+            "stopped");
   EXPECT_TRUE(lastIs(kZero));
   // When commands reach it again, there is no thrust.
   const std::size_t sent = packets_.size();

@@ -45,7 +45,7 @@ WORKBENCH = Verb(
 )
 VERBS = [
     Verb("import", "data.import_csv", "converts CSV from rostopic echo -p to a bag"),
-    Verb("info", "data.info", "reports contents, oddities and usable parts of recordings"),
+    Verb("info", "data.info", "reports contents, anomalies and usable parts of recordings"),
     Verb("bench", "fitting.bench", "fits thrust, its curve and gains to bench forces (thesis 3.2)"),
     Verb("simulate", "simulation.simulate", "records a simulated experiment to a bag, without ROS running"),
     Verb("fit", "fitting.fit", "fits a model's parameters to recordings by simulation error"),

@@ -1,4 +1,4 @@
-"""Models of crafts, and rooms."""
+"""Models of craft, and rooms."""
 
 import functools
 import os
@@ -38,23 +38,23 @@ class Parameter(Described):
 
     name: str  #: "k", or "EFFECT.PARAMETER"
     unit: str  #: such as "N s/m"
-    start: float  #: where the fit began
+    start: float  #: value at which the fit started
     value: float  #: estimate
     ci95: Tuple[float, float]  #: 95% interval
     deviation: float  #: standard deviation
     at_bound: bool  #: whether it is at a bound; the data then prefer a value beyond
     identified: bool  #: whether the data determine it
-    #: where a diagnosis sees that runs do not agree, the least and the largest value of single ones
+    #: smallest and largest value of single runs, where a diagnosis finds that the runs disagree
     runs: Optional[Tuple[float, float]] = None
 
     @property
     def interval(self) -> str:
-        """The interval in words, with the decimals of `number`."""
+        """The 95% interval as text, with as many decimals as `number`."""
         return "[%s, %s]" % self._told[1:] if self.identified else "not identifiable from these data"
 
     @property
     def number(self) -> str:
-        """The estimate, as precise as its interval."""
+        """The estimate as text, as precise as its interval."""
         return self._told[0] if self.identified else "%.4g" % self.value
 
     @property
@@ -97,21 +97,21 @@ def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
 
 
 class Estimated(Described):
-    """A result with estimated parameters, by the names that statsmodels gives them, too."""
+    """A result with estimated parameters, which are also available under the names of statsmodels."""
 
     parameters: Dict[str, Parameter]
 
     @property
     def params(self) -> "pandas.Series":
-        """Estimates by the names of parameters."""
+        """Estimates, indexed by parameter name."""
         import pandas
 
         return pandas.Series({name: p.value for name, p in self.parameters.items()}, dtype=float)
 
     @property
     def bse(self) -> "pandas.Series":
-        """Standard errors of the estimates; not a number for parameters that are not identified. Where runs
-        differ, they are as much larger as the intervals."""
+        """Standard errors of the estimates, indexed by parameter name; NaN where one is not identified. Where
+        runs differ, they grow as the intervals do."""
         import pandas
 
         known = {name: p.deviation if p.identified else np.nan for name, p in self.parameters.items()}
@@ -155,8 +155,8 @@ class Fitted(Described):
     date: str  #: UTC, ISO 8601
     command: str  #: command line
     recordings: Tuple[str, ...]  #: names of the files fitted to
-    error_before: Dict[str, float]  #: by kind of runs: fit, heldout, holdout
-    error_after: Dict[str, float]  #: likewise
+    error_before: Dict[str, float]  #: error of the start values by kind of runs: fit, heldout, holdout
+    error_after: Dict[str, float]  #: by kind of runs, as error_before
     ci95: Dict[str, Tuple[float, float]]  #: 95% intervals by parameter
     not_identified: Tuple[str, ...]  #: parameters that the recordings did not determine
 
@@ -169,8 +169,8 @@ class UnknownParameter(GroundError, KeyError):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Shown):
-    """A craft: a rigid body and the effects that act on it. It is immutable: methods that change it
-    return a copy, without what its file says of a fit (recordings, errors, intervals).
+    """A model of a craft: a rigid body and the effects that act on it. It is immutable: methods that
+    change it return a copy, without the record of a fit (recordings, errors, intervals).
 
     >>> craft = Model.load(model_file)
     >>> craft["m"], craft.unit("m"), craft.effects
@@ -182,21 +182,21 @@ class Model(Shown):
 
     core: _core.Model  #: must not be changed
     path: str = ""  #: path of the file that it was read from
-    doubts: Tuple[str, ...] = ()  #: what its file has that is implausible, in sentences
+    doubts: Tuple[str, ...] = ()  #: implausible values in its file, in sentences
 
     @classmethod
     def load(cls, path: Path) -> "Model":
-        """Loads a model from a file, or one that comes with ground by its name.
+        """Loads a model from a file, or a model that ground includes, by its name.
 
         Parameters
         ----------
         path : path
-            The file, or a name such as "tiny_whoover". A file of that name comes first.
+            Path of the file, or a name such as "tiny_whoover". A file of that name takes precedence.
 
         Warns
         -----
         GroundWarning
-            For an implausible value.
+            When a value is implausible.
 
         Examples
         --------
@@ -217,14 +217,14 @@ class Model(Shown):
         Parameters
         ----------
         text : str
-            What `format` gives.
+            The text, as `format` returns it.
         source : str, default 'a text'
-            Named in errors.
+            Name of the text in error messages.
 
         Raises
         ------
         GroundError
-            Names line and key of what is wrong.
+            When the text is not a valid model; the message names line and key.
         """
         with core_errors():
             return cls(_core.parse_model(text, source))
@@ -248,23 +248,23 @@ class Model(Shown):
 
     @property
     def name(self) -> str:
-        """Its title."""
+        """Title of the model."""
         return str(self.core.name)
 
     @property
     def effects(self) -> Tuple[str, ...]:
-        """Names of its effects, in the order in which they act."""
+        """Names of the model's effects, in the order in which they act."""
         return tuple(self.core.effects)
 
     @property
     def label(self) -> str:
-        """Its file's name without the extension, or its title with its effects."""
+        """Name of the model's file without the extension; without a file, title and effects."""
         titled = " with ".join(filter(None, (self.name, ", ".join(self.effects))))
         return os.path.splitext(os.path.basename(self.path))[0] or titled
 
     @property
     def fitted(self) -> Optional[Fitted]:
-        """How it was fitted; None if it was not, or was changed since."""
+        """How the model was fitted; None if it was not fitted or has been changed since."""
         p = self.core.provenance
         if not p.bags:
             return None
@@ -278,19 +278,19 @@ class Model(Shown):
 
     @property
     def thrusters(self) -> Tuple[str, ...]:
-        """Names of its thrusters."""
+        """Names of the craft's thrusters."""
         return tuple(str(one["name"]) for one in self.core.thrusters)
 
     @property
     def free(self) -> Tuple[str, ...]:
-        """Parameters that runs can determine: the nominal ones, and all of its effects."""
+        """Parameters that runs can determine: the rigid body's, and all parameters of the effects."""
         from ground.analysis import window_error
 
         return tuple(window_error.free_parameters(self.core))
 
     @property
     def full_thrust(self) -> Dict[str, float]:
-        """What full thrust gives: X, Y [N], N [N m]."""
+        """Force and moment of full thrust: X, Y [N], N [N m]."""
         from ground.analysis import missing_wrench
 
         return dict(zip("XYN", missing_wrench.full_scale(self.core).tolist()))
@@ -313,12 +313,12 @@ class Model(Shown):
         Parameters
         ----------
         parameter : str
-            Its name, as in `values`.
+            Name of the parameter, as in `values`.
 
         Raises
         ------
         GroundError
-            When there is no such parameter.
+            When the model has no such parameter.
         """
         self[parameter]  # raises for an unknown name
         return described(self.core)[parameter].unit
@@ -331,12 +331,12 @@ class Model(Shown):
         values : mapping, optional
             Values by name, in their units.
         **more : float
-            Further ones, as name=value.
+            Further values, as name=value.
 
         Raises
         ------
         GroundError
-            When there is no such parameter.
+            When the model has no such parameter.
         """
         core = self.core.copy()
         with core_errors():
@@ -353,14 +353,15 @@ class Model(Shown):
         Parameters
         ----------
         effect : Effect, str, path or mapping
-            An effect, a name of the library, a YAML file with one effect, or its entry in a model file.
+            An effect, the name of a library effect, a YAML file with one effect, or an entry as in model
+            files.
         **values : float
-            Values of its parameters, in their units.
+            Values of the effect's parameters, in their units.
 
         Raises
         ------
         GroundError
-            When there is no such effect, or the model has it already.
+            When there is no such effect, or the model already contains it.
         """
         from ground.effect_library.effects import Effect
 
@@ -399,31 +400,31 @@ class Model(Shown):
         return made
 
     def format(self) -> str:
-        """The text of its file."""
+        """The model as the text of a model file."""
         return str(self.core.format())
 
     def save(self, path: Path, force: bool = False) -> "Model":
-        """Writes its file."""
+        """Writes a model file."""
         files.write_text(os.fspath(path), self.format(), force)
         return Model(self.core, os.fspath(path))
 
     def export(self, path: Path, to: Optional[str] = None, force: bool = False) -> "ExportedModel":
-        """Writes the model as code that needs no ground: a controller of your own can run it.
+        """Writes the model as code that runs without ground, for example in a controller of your own.
 
         Parameters
         ----------
         to : {'numpy', 'casadi', 'c'}, optional
-            By default NumPy for a path that ends in .py, C for .h and .c.
+            Language of the code; by default NumPy for a path that ends in .py, C for .h and .c.
 
         Returns
         -------
         ExportedModel
-            What was written, and how far it differs from this model at 1000 random states.
+            The written file, and how far its code differs from this model at 1000 random states.
 
         Raises
         ------
         GroundError
-            When it differs, an effect cannot be written as formulas, or the file cannot be written.
+            When the code differs, an effect cannot be written as formulas, or the file cannot be written.
 
         Examples
         --------
@@ -449,7 +450,7 @@ class Model(Shown):
         return pandas.DataFrame(rows, index=index, columns=["value", "unit", "meaning"])
 
     def lines(self, written: str = "") -> Iterator[str]:
-        """Title, effects and parameters."""
+        """Lines of text: title, effects and parameters."""
         yield "%s, effects: %s" % (self.name, ", ".join(self.effects) or "none")
         for name, p in described(self.core).items():
             yield "%-24s %12.4g %s" % (name, self.core.value(name), p.unit)
@@ -480,7 +481,7 @@ class Room(Described):
 
     @classmethod
     def load(cls, path: Path) -> "Room":
-        """Loads a room from a file, or one that comes with ground by its name, "room_4x4"."""
+        """Loads a room from a file, or a room that ground includes, by its name: "room_4x4"."""
         with core_errors():
             place = files.delivered(path, "a room", "room")
             return cls(_core.load_room(place), place)
@@ -503,17 +504,17 @@ class Room(Described):
 
     @property
     def name(self) -> str:
-        """Its title."""
+        """Title of the model."""
         return str(self.core.name)
 
     @property
     def corners(self) -> Array:
-        """(n, 2) x, y [m] of its corners."""
+        """Corners of the room (n, 2): x, y [m]."""
         return np.array(self.core.corners, float)
 
     @property
     def home(self) -> Array:
-        """(2,) x, y [m] where bursts begin."""
+        """Position at which bursts begin (2,): x, y [m]."""
         return np.array(self.core.home, float)
 
     @property

@@ -112,7 +112,7 @@ class Excitation : public Controller {
 
   /// Remark for the user who starts it about where the craft will go.
   std::string remark() const {
-    if (!requiresState()) return "open loop, without the state: the craft must be fastened";
+    if (!requiresState()) return "open loop, without the state: the craft must be clamped";
     if (!room()) return "open loop, without a room that would keep it inside";
     return config_.returns ? "bursts of " + config_.design + " between returns home"
                            : "open loop; the room stops it";

@@ -167,7 +167,7 @@ class PoseError:
 
     @classmethod
     def of(cls, errors: Array) -> "PoseError":
-        """As of pose_errors."""
+        """From the errors of pose_errors."""
         return cls(*np.sqrt((errors**2).mean(axis=0)).tolist())
 
 
@@ -175,10 +175,10 @@ class PoseError:
 class PredictionError:
     """How far the poses that models predict are off after some time, on data that they were not fitted to."""
 
-    seconds: float  #: the time
-    errors: Dict[str, PoseError]  #: by model
-    mocap: PoseError  #: what the true model would leave, because of the noise of the poses
-    disturbed: Optional[PoseError] = None  #: ... and of the random disturbance; None: not known
+    seconds: float  #: time over which poses are predicted [s]
+    errors: Dict[str, PoseError]  #: errors by model
+    mocap: PoseError  #: noise floor: errors of a true model, from pose noise
+    disturbed: Optional[PoseError] = None  #: the same under the random disturbance; None: not known
 
 
 def as_document(found: Optional[PredictionError]) -> Optional[Dict[str, object]]:

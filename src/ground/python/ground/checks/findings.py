@@ -231,7 +231,7 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
         yield "battery", (BATTERY + UNUSABLE * bool(d["battery"]["unusable"])) % d["battery"]
     if d["authority"]:
         angles = [name for name in d["authority"] if words.ANGLES & set(words.split(name))]
-        unknown = "not tested: what a thruster does changes with %s" % ", ".join(angles)
+        unknown = "not tested: a thruster's effect changes with %s" % ", ".join(angles)
         yield ("thrusters", unknown if angles else "; ".join(_does(*item) for item in d["authority"].items()))
 
 
@@ -311,18 +311,18 @@ def grave(d: Document) -> Iterator[str]:
     if poses["stamps_out_of_order"]:
         yield "stamps out of order, sorted: %d" % poses["stamps_out_of_order"]
     if poses["frozen"]:
-        yield "frozen poses (repeated samples of a moving craft), dropped: %d" % poses["frozen"]
+        yield "frozen poses (repeated samples of a moving craft), left out: %d" % poses["frozen"]
     if poses["heading_steps"]:
         steps = ["%.0f deg at %.2f s" % (np.degrees(s["angle"]), s["time"]) for s in poses["heading_steps"]]
         yield (
-            "the measured heading steps while the craft goes on, as when the mocap takes one pattern of "
+            "the measured heading steps while the craft goes on, as when the mocap mistakes one pattern of "
             "markers for another; turned to agree with the longest part: " + _named(steps)
         )
     if d["breaks"]:
         times = _named(["%.2f s" % time for time in d["breaks"]])
-        yield "place and heading step at once, so that another run begins, which no window spans: " + times
+        yield "position and heading step at once, so another run begins; no window spans this: " + times
     if abs(d["clock_offset"]) > repair.CLOCK_OFFSET:
-        text = "the stamps of the poses are %.3f s off the clock of the commands, shifted"
+        text = "the stamps of the poses are %.3f s off the clock of the commands; shifted"
         yield text % -d["clock_offset"]
     yield from map(suspicions.sentence, d["suspicions"])
     clock = any(one["kind"] == "clock" for one in d["suspicions"])
@@ -331,11 +331,11 @@ def grave(d: Document) -> Iterator[str]:
         if share is not None and share >= reply.POWER:
             yield "the motion does not follow the commands: are poses and all commands of the same run?"
         elif share is not None:
-            why = "most of the accelerations are noise of the poses"
+            why = "most of the accelerations are pose noise"
             if d["poses"]["noise"]["heading"] > reply.AMBIGUOUS:
                 why = "the headings scatter so much that it is not known which way the craft turned"
             elif share == 0:
-                why = "the same commands at other times, or noise of the poses, explain as much of it"
+                why = "the same commands at other times, or pose noise, explain as much of it"
             yield "whether the motion follows the commands cannot be decided, because " + why
 
 
@@ -351,7 +351,7 @@ def findings(d: Document) -> Iterator[str]:
     yield from ("%s: %d" % (what, poses[key]) for key, what in REPAIRED if poses[key])
     if poses["spikes"]:
         times = _named(["%.2f s" % time for time in poses["spikes"]])
-        yield "spikes, places or headings that no smooth motion explains, left out: " + times
+        yield "spikes (positions or headings that no smooth motion explains), left out: " + times
     for key, sign, least, text in APART:
         if sign * d["controls"][key] > least:
             yield text % (sign * d["controls"][key])
@@ -373,7 +373,7 @@ def _left_out(d: Document) -> Iterator[Tuple[float, str]]:
     if d["rest_at_end"] > 0.2:
         controls = d["controls"]
         none = "lift" if len(controls["thrusters"]) < len(controls["channels"]) else "commands"
-        text = "the last %.2f s are left out, without %s or motion (--all keeps them)"
+        text = "the last %.2f s are left out, because they are without %s or motion (--all keeps them)"
         yield d["rest_at_end"], text % (d["rest_at_end"], none)
     for key, what in LEFT_OUT:
         spans: Spans = d[key]

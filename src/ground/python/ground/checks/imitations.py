@@ -27,7 +27,7 @@ effects: []
 IDLE = 0.1  # least change of the sum, over the change of the difference
 MIN_AVERAGES = 20  # averages that a rough model follows from
 LAX = 0.5  # chance that some other reading is preferred in an imitation whose channels do not show
-WHY = "recordings that a model makes with these commands look so, too"
+WHY = "recordings simulated with these commands look the same"
 
 
 def imitation(recording: Recording, model: _core.Model, seed: int) -> Optional[Recording]:

@@ -67,7 +67,7 @@ class Hypothesis:
     """A way to read the commands and the poses of recordings."""
 
     channels: Tuple[str, ...]  #: channel of each thruster
-    signs: Tuple[int, ...]  #: of each thruster's channel; -1: inverted, 0: it does not act
+    signs: Tuple[int, ...]  #: sign of each thruster's channel; -1: inverted, 0: it does not act
     heading_offset: float = 0.0  #: measured minus true heading that remains [rad]
     heading_sign: int = 1  #: -1: the measured heading is positive the other way round
     mirrored: bool = False  #: whether one axis of the positions points the other way
@@ -399,7 +399,7 @@ def _mistakes(
     pairs = [(a, b) for a, b in moved if driven[b] == a and names.index(a) < names.index(b)]
     exchange = ", and ".join("%s and %s" % pair for pair in pairs)
     for pair in pairs:
-        remedy = "exchange the names %s %s" % (exchange, CHANNELS) if pair == pairs[0] else ""
+        remedy = "swap the names %s %s" % (exchange, CHANNELS) if pair == pairs[0] else ""
         yield "swap", "%s and %s %s swapped" % (*pair, are), remedy
     for a, b in ((a, b) for a, b in moved if driven[b] != a):  # of a longer cycle
         yield "swap", "%s %s driven by %s" % (a, is_, b), "give %s the field of %s %s" % (a, b, CHANNELS)
@@ -413,7 +413,7 @@ def _mistakes(
         which = _listed(inverted)
         if len(inverted) == len(names) > 1:
             which = "both thrusters" if len(names) == 2 else "all thrusters"
-        remedy = "exchange the values off and full of %s %s" % (which, CHANNELS)
+        remedy = "swap the values off and full of %s %s" % (which, CHANNELS)
         yield "invert", "%s %s inverted" % (which, is_ if len(inverted) == 1 else are), remedy
     before = measured.changes[0]
     if one.mirrored and not one.twisted:
@@ -451,7 +451,7 @@ def sentence(verdict: LayoutVerdict) -> str:
     parts = ["%s: %s" % (suppositions(verdict.best.hypothesis, names, True), evidence(verdict))]
     if verdict.same and not verdict.is_as_recorded:
         same = "; or ".join(suppositions(one, names) for one in verdict.same)
-        parts.append("the same to any motion: " + same)
+        parts.append("indistinguishable in any motion: " + same)
     open_still = [suppositions(found.hypothesis, names) for found in verdict.undecided]
     if open_still and verdict.open_share > HARDLY:
         parts.append("the recordings do not decide which channel drives which thruster: %s" % verdict.why)

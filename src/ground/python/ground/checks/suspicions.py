@@ -48,8 +48,8 @@ class Suspicion:
     """A mistake that some recordings look like."""
 
     kind: str  #: the mistake, in a word
-    evidence: str  #: what it shows by
-    remedy: str  #: option or key of a mapping that mends it
+    evidence: str  #: the evidence
+    remedy: str  #: option or key of a mapping that corrects it
     runs: Tuple[str, ...] = ()  #: names of the recordings
 
     @property
@@ -124,7 +124,7 @@ def lengths(recording: Recording) -> Iterator[Suspicion]:
         yield Suspicion(
             "length",
             "the craft reaches %.0f m/s and the poses scatter by %.2g m: positions seem to be in %s%s"
-            % (fast, noise, " or ".join(likely), ", which speed and noise cannot decide" * (len(likely) > 1)),
+            % (fast, noise, " or ".join(likely), ", which speed and noise do not decide" * (len(likely) > 1)),
             " or ".join("position: {unit: %s}" % unit for unit in likely) + " under poses in a mapping",
         )
     turning = units.speed(recording.pose_times, np.unwrap(recording.eta[:, 2])[:, None])
@@ -149,9 +149,9 @@ def missing(recording: Recording) -> Iterator[Suspicion]:
     if found and alone and found[0] + BOUND * found[1] < FADED and alone[0] - BOUND * alone[1] < WHOLE:
         yield Suspicion(
             "missing",
-            "%.2g s after a command, %.0f%% of its effect is left: commands between the recorded ones are "
+            "%.2g s after a command, %.0f%% of its effect remains: commands between the recorded ones are "
             "missing, or their stamps are wrong by varying times" % (found[2], 100 * max(found[0], 0.0)),
-            "record all commands when the craft takes them, or a fit underestimates the thrust",
+            "record all commands as the craft receives them; otherwise a fit underestimates the thrust",
         )
 
 
@@ -213,7 +213,7 @@ def smoothing(recording: Recording) -> Iterator[Suspicion]:
         "smoothed",
         "the mocap seems to smooth at %.2g Hz (%s): %s"
         % (found.corner, found.form, "forward and backward" if found.both_ways else late),
-        "switch off the mocap software's filter; these poses are taken as they were before it",
+        "switch off the mocap software's filter; the filter is undone in these poses",
     )
 
 
@@ -225,7 +225,7 @@ def forces(recording: Recording) -> Iterator[Suspicion]:
             "command",
             "the craft moves, but no command exceeds %.2g of full thrust: commands are probably in newtons "
             "or another unit" % most,
-            "full: the value that is full thrust, for each channel under commands.channels in a mapping",
+            "full: the value of full thrust, for each channel under commands.channels in a mapping",
         )
 
 
@@ -258,7 +258,7 @@ def _angles(recordings: Sequence[Recording], model: _core.Model) -> Iterator[Sus
     for one in found:
         yield Suspicion(
             "invert",
-            "the angle %s seems to be of the wrong sign: the commands would then explain %.0f%% of the "
+            "the angle %s seems to have the wrong sign: the commands would then explain %.0f%% of the "
             "turns; as recorded they explain %.0f%%" % (one.channel, 100 * one.share, 100 * one.as_recorded),
             "sign: -1, or without it, of %s %s" % (one.channel, layouts.CHANNELS),
             tuple(recording.name for recording in recordings),
@@ -317,7 +317,7 @@ def _weak(recording: Recording, thrusters: Sequence[layouts.Thruster]) -> Iterat
                 "weak",
                 "%s turns the craft by %.2g +- %.1g rad/s2, but its position gives %.2g: it does little or "
                 "nothing in this run" % (name, found[name]["turn"], error, usual * levers[name]),
-                "leave the run out, because it makes all thrusts look smaller",
+                "leave the run out: it makes all thrusts look smaller",
                 (recording.name,),
             )
 

@@ -38,12 +38,12 @@ def compare(
     progress: Progress = None,
     options: bag_arguments.Part,
 ) -> Comparison:
-    """Compares models with recordings: errors, and where they come from.
+    """Compares models with recordings: errors, and their causes.
 
     Parameters
     ----------
     models : Model, path, or several
-        One or several, or {label: model}.
+        A model or several, or a dictionary {label: model}.
 
     Returns
     -------

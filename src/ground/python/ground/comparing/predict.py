@@ -52,24 +52,24 @@ class Prediction(Shown, Plotted):
     True
     """
 
-    name: str  #: of the run
-    model: Model  #: that predicts
+    name: str  #: name of the run
+    model: Model  #: the predicting model
     horizon: float  #: how far each prediction goes [s]; of a prediction to the end, the longest
     position_mm: float  #: rms error of the position at the horizon, over all starts [mm]
-    heading_deg: float  #: rms error of the heading there [deg]
-    noise_mm: float  #: what the true model would leave, because of the noise of the poses [mm]
-    noise_deg: float  #: ... [deg]
-    starts: int  #: number of starts that the errors are over
-    times: Array  #: (n,) on the run's clock [s]
+    heading_deg: float  #: rms error of the heading at the horizon, over all starts [deg]
+    noise_mm: float  #: noise floor: rms error of the position with a true model, from pose noise [mm]
+    noise_deg: float  #: noise floor of the heading [deg]
+    starts: int  #: number of starts over which the errors are taken
+    times: Array  #: (n,) times of the samples, on the run's clock [s]
     start: Indices  #: (n,) number of the start that the sample is predicted from
-    ahead: Array  #: (n,) time since that start [s]
+    ahead: Array  #: (n,) time since the start of the prediction [s]
     measured: Array  #: (n, 6) poses as measured and repaired, velocities smoothed
-    predicted: Array  #: (n, 6)
+    predicted: Array  #: (n, 6) predicted poses and velocities
     zero: float  #: origin of the run's clock, on the recording's clock [s]
     run: _core.RunData = field(repr=False)  #: the part of the run that is predicted
-    band: Optional[float] = None  #: share of the samples that low and high are to hold; None: no band
+    band: Optional[float] = None  #: intended share of samples in the band; None: no band
     low: Optional[Array] = None  #: (n, 6) lower end of the band
-    high: Optional[Array] = None  #: (n, 6)
+    high: Optional[Array] = None  #: (n, 6) upper end of the band
 
     @property
     def residuals(self) -> Array:
@@ -80,7 +80,7 @@ class Prediction(Shown, Plotted):
 
     @property
     def held(self) -> Optional[Array]:
-        """Share of the samples that the band holds, (6,); None without a band."""
+        """Share of the samples that lie in the band, (6,); None without a band."""
         if self.low is None or self.high is None:
             return None
         return np.asarray((np.abs(self.residuals) <= (self.high - self.low) / 2).mean(axis=0))
@@ -110,7 +110,7 @@ class Prediction(Shown, Plotted):
         return with_units(frame, {**named, "ahead": "s"})
 
     def to_dict(self) -> Dict[str, object]:
-        """The errors as plain values."""
+        """The errors as plain values, with run, model and horizon."""
         names = ("horizon", "position_mm", "heading_deg", "noise_mm", "noise_deg", "starts")
         told: Dict[str, object] = {"run": self.name, "model": self.model.label}
         told.update((name, getattr(self, name)) for name in names)
@@ -119,7 +119,7 @@ class Prediction(Shown, Plotted):
         return told
 
     def headline(self, written: str = "") -> List[Line]:
-        """Its first lines: how far it is off at the horizon, and what the mocap leaves."""
+        """First lines of the report: the error at the horizon, and the noise floor."""
         noise = horizons.PoseError(self.noise_mm, self.noise_deg)
         found = horizons.PoseError(self.position_mm, self.heading_deg)
         told = "%s (%s)" % (off(found), least(found, noise))
@@ -127,7 +127,7 @@ class Prediction(Shown, Plotted):
         lines = [("Predicted", what), (after(self.horizon), told)]
         if self.held is not None and self.band is not None:
             shares = ", ".join("%.0f%% of %s" % (100 * part, name) for part, name in zip(self.held, POSE))
-            lines.append(("Band of %.0f%%" % (100 * self.band), "holds " + shares))
+            lines.append(("Band of %.0f%%" % (100 * self.band), "contains " + shares))
         return lines
 
 
@@ -141,27 +141,27 @@ def predict(
     *,
     options: Part,
 ) -> Prediction:
-    """Predicts a recording by a model, sample by sample, with the error at the horizon.
+    """Predicts a recording with a model, sample by sample, with the error at the horizon.
 
     Parameters
     ----------
     horizon : float, optional
-        How far each prediction goes [s]; by default what suits the craft, as in `compare`. Infinite: from the
-        beginning to the end, or to the next gap.
+        How far each prediction goes [s]; by default chosen for the craft, as in `compare`. Infinity
+        predicts from the beginning to the end, or to the next gap.
     band : float, optional
-        Share of the samples that a band is to hold, 0..1. It needs the parts of a fit.
+        Share of the samples that a band should contain, 0..1. A band needs `parts`.
     parts : sequence, optional
-        Fits without a part of the runs, as `Fit.predict` gives them.
+        Fits that leave out a part of the runs; `Fit.predict` passes them.
 
     Raises
     ------
     GroundError
-        When the run is too short, or there are several runs (compare takes these).
+        When the run is too short, or there are several runs (`compare` accepts several).
 
     Warns
     -----
     GroundWarning
-        When the run goes beyond the runs that the band is from.
+        When the run goes beyond the runs from which the band was derived.
 
     Examples
     --------
@@ -175,7 +175,7 @@ def predict(
     """
     found = taken(recording)
     if len(found) != 1:
-        raise GroundError("predict takes one run, not %d; compare takes several" % len(found))
+        raise GroundError("predict accepts a single run, not %d; compare accepts several" % len(found))
     if horizon is not None and not horizon > 0:
         raise GroundError("the horizon must be a positive time, not %g s" % horizon)
     given = Model.of(model)
@@ -197,7 +197,7 @@ def predict(
     further = beyond(parts, made.predicted)
     if further:
         warn(
-            "%s: the model goes beyond the runs that it was fitted to, in %s: the band may be too narrow"
+            "%s: the run goes beyond the runs that the model was fitted to, in %s: the band may be too narrow"
             % (made.name, " and ".join(VELOCITY[i] for i in further))
         )
     return replace(made, band=band, low=made.predicted - half, high=made.predicted + half)

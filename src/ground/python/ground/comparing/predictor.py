@@ -31,16 +31,16 @@ SIGMA = "_sigma"  # end of the name of a column
 
 @dataclass(frozen=True)
 class PredictedMotion:
-    """What is measured of a run, and predicted from start after start; rows as a Prediction has them."""
+    """Measured motion of a run, and predictions from successive starts; rows as in a Prediction."""
 
-    times: Array  #: (n,) on the run's clock [s]
+    times: Array  #: (n,) times of the samples, on the run's clock [s]
     start: Indices  #: (n,) number of the start that the sample is predicted from
     measured: Array  #: (n, 6) x, y [m], psi [rad], u, v [m/s], r [rad/s]
-    predicted: Array  #: (n, 6)
+    predicted: Array  #: (n, 6) in the same columns
 
 
 class Predictor(Described):
-    """Predicts the same recordings by many models, each in hundredths of a second.
+    """Predicts the same recordings with many models, each in hundredths of a second.
 
     The recordings are read, repaired and cut once. Times are on the run's clock.
 
@@ -51,7 +51,7 @@ class Predictor(Described):
     recordings : Recording, path, or several
         Recordings or bags.
     horizon : float, optional
-        How far predictions go [s]; by default what suits the craft.
+        How far predictions go [s]; by default chosen for the craft.
 
     Raises
     ------
@@ -88,21 +88,21 @@ class Predictor(Described):
         return [run.name for run in self.recordings]
 
     def error(self, model: Model) -> PoseError:
-        """How far the predicted poses are off at the horizon, over all runs; as ground.fit has it."""
+        """Errors of the predicted poses at the horizon, over all runs, as in the report of ground.fit."""
         chosen = self._starts.windows
         return PoseError.of(self._starts.errors(self.runs, [model.core] * len(chosen)))
 
     def noise(self, model: Model) -> PoseError:
-        """The part of the error that the noise of the poses alone would leave if the model were true."""
+        """The noise floor: the error that a true model would have, because of pose noise."""
         return horizons.with_floors(self.runs, self._starts, {}, model.core).mocap
 
     def motion(self, model: Model, run: str, start: float = 0.0, end: float = np.inf) -> PredictedMotion:
-        """What is measured and predicted of a part of a run.
+        """Measured and predicted motion of a part of a run.
 
         Returns
         -------
         PredictedMotion
-            Arrays `times`, `start`, `measured` and `predicted`, as a Prediction has them.
+            Arrays `times`, `start`, `measured` and `predicted`, as in a Prediction.
         """
         key = self._index(run), float(start), float(end)
         if key not in self._shapes:
@@ -113,7 +113,7 @@ class Predictor(Described):
         return PredictedMotion(shape.times, shape.start, shape.measured, shape.predicted(model.core))
 
     def measured(self, run: str = "", start: float = 0.0, end: float = np.inf) -> "pandas.DataFrame":
-        """What is measured of a part of a run: columns as Recording.to_frame has them."""
+        """Measured motion of a part of a run, with the columns of Recording.to_frame."""
         part = self._part(run, start, end)
         return self._frame(run, np.array(part.times), np.array(part.eta), np.array(part.nu))
 
@@ -125,7 +125,7 @@ class Predictor(Described):
         Parameters
         ----------
         model : Model
-            The model that they are missing in. Its `full_thrust` is their scale.
+            The model that lacks this force and moment; compare them with its `full_thrust`.
 
         Returns
         -------

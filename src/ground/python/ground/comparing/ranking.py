@@ -13,19 +13,19 @@ CHANCE = 0.05  # probability that any of equally good models is reported to diff
 
 @dataclass(frozen=True)
 class Ranking:
-    """Models by their error, the least first. It says which one predicts best only where no model was
-    fitted to the runs."""
+    """Models by their error, the smallest first. The ranking tells which one predicts best only where no
+    model was fitted to the runs."""
 
     role: str  #: "held_out": no model was fitted to the runs; "fit": one was
-    runs: List[str]  #: all that no model was fitted to; where there are none, all runs
-    errors: Dict[str, float]  #: by label, over these runs
-    fitted: List[str]  #: labels of models that were fitted to any of them
-    #: labels of models whose errors differ from the least one by no more than chance explains
+    runs: List[str]  #: runs that no model was fitted to; without such runs, all
+    errors: Dict[str, float]  #: errors by label, over these runs
+    fitted: List[str]  #: labels of models that were fitted to any of these runs
+    #: labels of models whose errors differ from the smallest one by no more than chance explains
     equal: List[str]
 
     @property
     def best(self) -> str:
-        """Label of the model with the least error."""
+        """Label of the model with the smallest error."""
         return next(iter(self.errors))
 
 

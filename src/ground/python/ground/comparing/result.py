@@ -39,7 +39,7 @@ class _Frame(Shown):
 
     @internal
     def rows(self) -> Iterator[Sequence[Any]]:
-        """Run, model, role and numbers."""
+        """Rows of run, model, role and numbers."""
         raise NotImplementedError
 
     def to_frame(self) -> "pandas.DataFrame":
@@ -59,7 +59,7 @@ class _Frame(Shown):
 
 @dataclass(frozen=True)
 class ComparedModel:
-    """A model against one run, as compare.json has it."""
+    """Comparison of a model with one run, as in compare.json."""
 
     label: str
     role: str  #: fit or held_out
@@ -91,22 +91,22 @@ class ComparedModel:
 
 @dataclass(frozen=True, repr=False)
 class RunComparison(_Frame):
-    """All models against one run.
+    """Comparison of all models with one run.
 
     >>> (run,) = ground.compare(model_file, bag).runs
     >>> run.name, sorted(run.numbers) == sorted(run.remarks), run.to_frame().index[0][0]
     ('run', True, 'run')
     """
 
-    name: str  #: of the run
-    bag: str  #: name of its file
-    models: List[ComparedModel]  #: one for each model
-    recording: Optional[Recording]  #: None when it was loaded
-    inspections: Sequence[Inspection] = ()  #: one for each model; none when it was loaded
+    name: str  #: name of the run
+    bag: str  #: name of the run's file
+    models: List[ComparedModel]  #: one entry per model
+    recording: Optional[Recording]  #: the recording; None in a loaded comparison
+    inspections: Sequence[Inspection] = ()  #: one per model; empty in a loaded comparison
 
     @property
     def studies(self) -> List[Document]:
-        """One for each model: label, role ("fit" or "held_out"), numbers (of comparison.numbers), summary
+        """One object per model: label, role ("fit" or "held_out"), numbers (of comparison.numbers), summary
         (sentences), residuals and wrench (as in compare.json); and run, model, evaluation and missing, which
         a loaded comparison does not have."""
         seen = {one.label: vars(one) for one in self.inspections}
@@ -124,7 +124,7 @@ class RunComparison(_Frame):
         return {one.label: one.summary for one in self.models}
 
     def to_dict(self, files: Optional[Files] = None) -> Dict[str, object]:
-        """Plain values, as compare.json has them."""
+        """The result as plain values, as in compare.json."""
         return {
             "name": self.name,
             "bag": self.bag,
@@ -142,12 +142,12 @@ class RunComparison(_Frame):
         }
 
     def rows(self) -> Iterator[Sequence[Any]]:
-        """Run, model, role and numbers."""
+        """Rows of run, model, role and numbers."""
         for one in self.models:
             yield self.name, one.label, one.role, one.numbers
 
     def table(self) -> Iterator[str]:
-        """Errors of the models, and what stands out."""
+        """Lines of text: errors of the models, and what stands out."""
         yield self.name
         yield from _table([(one.label, one.role, one.numbers) for one in self.models])
         for one in self.models:
@@ -157,7 +157,7 @@ class RunComparison(_Frame):
 
 @dataclass(frozen=True, repr=False)
 class Comparison(_Frame, Plotted):
-    """Models against recordings.
+    """Comparison of models with recordings.
 
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.compare({"given": craft, "turning": craft.with_effect("yaw_bias", n0=2e-5)}, bag)
@@ -165,13 +165,13 @@ class Comparison(_Frame, Plotted):
     ('turning', True)
     """
 
-    models: Dict[str, Model]  #: by label
-    runs: List[RunComparison]  #: one for each recording
+    models: Dict[str, Model]  #: models by label
+    runs: List[RunComparison]  #: one entry per recording
     #: by label, then by runs (all, fit, held_out): error numbers, with the keys of RunComparison.numbers
     pooled: Dict[str, Document]
-    ranking: Ranking  #: the models by their error, the best first
-    noise_floor: float  #: error that pose noise would leave on the ranking's runs
-    prediction: Optional[PredictionError]  #: of poses, on the ranking's runs; None: they are too short
+    ranking: Ranking  #: models ordered by error, the best first
+    noise_floor: float  #: error of a true model on the ranking's runs, from pose noise
+    prediction: Optional[PredictionError]  #: errors of poses on the ranking's runs; None: too short
 
     @property
     def best(self) -> str:
@@ -179,16 +179,16 @@ class Comparison(_Frame, Plotted):
         return self.ranking.best
 
     def rows(self) -> Iterator[Sequence[Any]]:
-        """Run, model, role and numbers."""
+        """Rows of run, model, role and numbers."""
         for run in self.runs:
             yield from run.rows()
 
     def headline(self, written: str = "") -> List[Line]:
-        """Its first lines: which model predicts best, by how much, and what to do next."""
+        """First lines of the report: which model predicts best, by how much, and what to do next."""
         return words.lines(self.ranking, self.prediction, self.models[self.best].path, written)
 
     def table(self) -> Iterator[str]:
-        """Errors of the models over all runs."""
+        """Lines of text: errors of the models over all runs."""
         yield from _table(self._pooled)
 
     @property
@@ -197,12 +197,12 @@ class Comparison(_Frame, Plotted):
         return [(label, role, of[role]) for label, of in self.pooled.items() for role in ROLES if of[role]]
 
     def details(self) -> Iterator[str]:
-        """Errors of the models on each run, and what stands out."""
+        """Lines of text: errors of the models on each run, and what stands out."""
         for run in self.runs:
             yield from run.table()
 
     def to_dict(self, files: Optional[Sequence[Optional[Files]]] = None) -> Dict[str, object]:
-        """Plain values, as compare.json has them."""
+        """The result as plain values, as in compare.json."""
         named: List[Optional[Files]] = [None] * len(self.runs)
         return {
             "schema": SCHEMA,
@@ -249,8 +249,8 @@ class Comparison(_Frame, Plotted):
     def to_mat(self, path: Path, force: bool = False) -> None:
         """Writes a file for MATLAB and Octave.
 
-        It has structs `models`, `parameters` and `runs` with what was measured and what each model predicts;
-        its text `about` has units and frames.
+        The file contains structs `models`, `parameters` and `runs` with the measured motion and the
+        predictions of each model; its text `about` explains units and frames.
         """
         studied = [
             matlab.Study(run.inspections[0].run, {s.label: s.evaluation for s in run.inspections})
@@ -264,21 +264,21 @@ class Comparison(_Frame, Plotted):
         Parameters
         ----------
         page : bool, default True
-            Write report.html.
+            Whether to write report.html.
 
         Returns
         -------
         str
-            Path of the page, or of the JSON.
+            Path of report.html, or of compare.json without a page.
 
         Raises
         ------
         GroundError
-            When a file cannot be written, or the comparison was loaded.
+            When a file cannot be written, or this comparison was loaded.
         """
         recordings = [run.recording for run in self.runs if run.recording is not None]
         if len(recordings) < len(self.runs):
-            raise GroundError("this comparison was loaded: the folder that it was saved in has all of it")
+            raise GroundError("this comparison was loaded: the folder from which it came contains all of it")
         place = os.fspath(folder)
         report_file, numbers = prepare(place, force)
         runs = distinct_labels([_stem(run.name) for run in self.runs], [""] * len(self.runs))

@@ -58,20 +58,20 @@ class Tracking(Shown, Plotted):
     True
     """
 
-    controller: str  #: its kind
-    reference: str  #: its kind, or file
-    runs: List[Track]  #: a run from each start
+    controller: str  #: kind of the controller
+    reference: str  #: kind of the reference, or its file
+    runs: List[Track]  #: one run per start
     #: medians over the runs: rms, max, final, after_stop_max [m], saturated_fraction, effort,
     #: wanted_outside, wanted_largest, compute_ms (median, p999, max), rms_quantiles (p05, p95); stopped
     #: (number of runs) and stops
     numbers: Dict[str, Any]
-    window: Tuple[float, float]  #: start and end of what errors count, since the reference began [s]
-    max_error: float  #: error at which a controller stops itself [m]
+    window: Tuple[float, float]  #: start and end of the time in which errors count [s]
+    max_error: float  #: error at which the controller stops itself [m]
     caution: str  #: why the craft cannot follow the reference exactly; empty when it can
-    remark: str  #: how the controller uses the model's effects; empty when nothing is odd
-    effects: Dict[str, List[str]]  #: effects that the controller has used and unused
-    gains: Dict[str, Setting]  #: parameters of the controller by name
-    seed: Optional[int]  #: of noise and starts
+    remark: str  #: how the controller uses the model's effects; empty when nothing is unusual
+    effects: Dict[str, List[str]]  #: effects that the controller uses (used) and does not (unused)
+    gains: Dict[str, Setting]  #: parameters of the controller, by name
+    seed: Optional[int]  #: seed of noise and starts
     noise: Optional[bool] = None  #: whether the mocap had noise; None: not recorded
 
     @property
@@ -86,11 +86,11 @@ class Tracking(Shown, Plotted):
 
     @property
     def stops(self) -> List[Document]:
-        """Run, time [s] and reason of each that ended early."""
+        """Runs that ended early: run, time [s] and reason."""
         return list(self.numbers["stops"])
 
     def to_dict(self) -> Dict[str, object]:
-        """Plain values, as `track --json` prints them, without file names."""
+        """The result as plain values, as `track --json` prints them, without file names."""
         return {
             "seed": self.seed,
             "starts": len(self.runs),
@@ -128,7 +128,7 @@ class Tracking(Shown, Plotted):
         return cls(**document)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Every frame of every run: run, t [s] since the reference began, x, y [m], psi [rad],
+        """One row per frame of each run: run, t [s] since the reference began, x, y [m], psi [rad],
         x_reference, y_reference, error [m]."""
         import pandas
 
@@ -140,7 +140,7 @@ class Tracking(Shown, Plotted):
         return pandas.DataFrame(np.vstack(rows), columns=columns).astype({"run": int})
 
     def headline(self, written: str = "") -> List[Line]:
-        """Its first lines: how well the controller follows, and what to do next."""
+        """First lines of the report: how well the controller follows, and what to do next."""
         numbers, many = self.numbers, len(self.runs) > 1
         starts = ", medians of %d starts" % len(self.runs) if many else ""
         error = "%s rms, %s at most" % (metres(numbers["rms"]), metres(numbers["max"]))
@@ -172,7 +172,7 @@ class Tracking(Shown, Plotted):
         return "nothing needed; sim_tracking.launch runs the same controller with all nodes"
 
     def details(self) -> Iterator[str]:
-        """Inputs, computing time, and runs that ended early."""
+        """Lines of text: inputs, computing time, and runs that ended early."""
         numbers = self.numbers
         if numbers.get("after_stop_max") is not None:
             after = metres(numbers["after_stop_max"]), tracking.AFTER_STOP
@@ -212,7 +212,7 @@ class _TrackOptions:
     )
     truth: Optional[ModelLike] = option(None, "true model of the craft (--model)", metavar="T.yaml")
     gains: Optional[gain_files.Gains] = option(
-        None, "gains of the controller: a file that tune writes, or delivered ones such as tiny_whoover"
+        None, "gains: a file that tune writes, or delivered ones such as tiny_whoover", metavar="G.yaml"
     )
     perturb: Union[Mapping[str, float], Sequence[Tuple[str, float]]] = option(
         (),
@@ -266,16 +266,16 @@ def track(
     Parameters
     ----------
     model : Model or path
-        The controller's model.
+        The model that the controller uses.
     reference : str or path, default 'circle'
-        Kind of the reference, or a CSV file.
+        Kind of the reference, or path of a CSV file.
     **settings
         Further parameters of the reference, such as x, y, end_x, end_y [m].
 
     Raises
     ------
     GroundError
-        When something does not exist, the motion is not finite, or the function of your own fails.
+        When an option or a file does not exist, the motion is not finite, or your own function fails.
 
     Examples
     --------

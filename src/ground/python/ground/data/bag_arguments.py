@@ -21,13 +21,13 @@ class AsRecorded:
     """Whether recordings are used that look misread."""
 
     as_recorded: bool = option(
-        False, "use recordings that look misread (swapped channels, wrong signs, units or clocks), too"
+        False, "also use recordings that look misread (swapped channels, wrong signs, units or clocks)"
     )
 
 
 def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the bags, and how they are read."""
-    parser.add_argument("bags", metavar="BAG", nargs="+", help="recorded run, or folder of them")
+    parser.add_argument("bags", metavar="BAG", nargs="+", help="recorded run, or folder of runs")
     add_reading_arguments(parser)
 
 

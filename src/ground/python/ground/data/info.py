@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model",
         metavar="MODEL.yaml",
-        help="a model of the craft: find from the motion which channel drives which of its thrusters",
+        help="model of the craft: find from the motion which channel drives which of its thrusters",
     )
     parser.add_argument("--force", action="store_true", help="overwrite the mapping file")
 
@@ -85,9 +85,9 @@ class Info(Shown):
             yield "Next", "look at %s: %s" % (", ".join(doubtful), next(iter(doubtful.values()))[0])
         elif self.read:
             fits = "rosrun ground identify fit %s --model MODEL -o fitted.yaml"
-            yield "Next", "nothing to mend; fit a model:\n" + fits % " ".join(map(shlex.quote, self.read))
+            yield "Next", "nothing to correct; fit a model:\n" + fits % " ".join(map(shlex.quote, self.read))
         else:
-            yield "Next", "nothing to mend; fit a model:\nground.fit(MODEL, RECORDINGS)"
+            yield "Next", "nothing to correct; fit a model:\nground.fit(MODEL, RECORDINGS)"
 
     @internal
     def table(self) -> Iterator[str]:
@@ -164,7 +164,7 @@ def _looked_at(
     described, layout = findings.describe(runs, doubts), ""
     angles = [str(one["channel"]) for one in model.thrusters if one["is_angle"]] if model else []
     if angles:
-        text = "which channel drives which thruster is not judged: what a thruster does changes with %s"
+        text = "which channel drives which thruster is not judged: a thruster's effect changes with %s"
         layout = text % ", ".join(angles)
     elif model:
         with work.stage("judging which channel drives which thruster"):

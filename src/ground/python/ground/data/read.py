@@ -23,7 +23,7 @@ NO_RECORDING = "no recordings are given"
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """How recordings are read, and what replaces what was recorded with them."""
+    """How recordings are read, and what replaces the settings that were recorded with them."""
 
     axes: Optional[str] = option(
         None, "world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % run_settings.AXES
@@ -48,10 +48,10 @@ class ReadingOptions:
     pose_topic: Optional[str] = option(None, "topic of the poses", metavar="TOPIC")
     command_topic: Optional[str] = option(None, "topic of the commands", metavar="TOPIC")
     namespace: Optional[str] = option(
-        None, "namespace of the craft's topics, where a bag has several craft", metavar="NAME"
+        None, "namespace of the craft's topics, where a bag contains several craft", metavar="NAME"
     )
     body: Optional[str] = option(
-        None, "child frame, or part of the topic's name, of the craft", metavar="NAME"
+        None, "child frame of the craft, or a part of its topic's name", metavar="NAME"
     )
     noise: Optional[Tuple[float, float]] = option(
         None,
@@ -73,7 +73,7 @@ class ReadingOptions:
     )
 
     def field_mapping(self) -> FieldMapping:
-        """The mapping with what the other options say in its place. GroundError names what is wrong in it."""
+        """The mapping, with the values of the other options. GroundError names what is wrong in it."""
         said = {one.name: getattr(self, one.name) for one in fields(self)}
         given, types = said.pop("mapping") or DEFAULT, said.pop("types")
         mapping = given if isinstance(given, FieldMapping) else load(os.fspath(given))
@@ -82,30 +82,30 @@ class ReadingOptions:
 
 @takes(ReadingOptions)
 def read(bags: Union[Path, Iterable[Path]], *, options: ReadingOptions) -> Tuple[Recording, ...]:
-    """Reads the recordings in bags of ROS 1 and 2, MCAP files and tables.
+    """Reads recordings from ROS 1 and ROS 2 bags, MCAP files and tables.
 
-    Where a mapping is needed and none is given, one is drafted. If file and motion leave nothing of it to
-    decide, it is used, and `mapping` of the recordings has its text; else GroundError has the open lines.
+    Where a mapping is needed and none is given, one is drafted. If file and motion decide all of it, the
+    draft is used, and `mapping` of the recordings holds its text; otherwise GroundError lists the open lines.
 
     Parameters
     ----------
     bags : path or iterable of path
-        A folder stands for the bags in it, and a pattern (``flights/*.bag``) for those that match it.
+        Paths of the files. A folder stands for the bags in it, a pattern (``flights/*.bag``) for its matches.
 
     Returns
     -------
     tuple of Recording
-        Runs of the same name are prefixed with their folders' names.
+        The recordings. Runs of the same name are prefixed with the names of their folders.
 
     Raises
     ------
     GroundError
-        When a bag cannot be read or is given twice, also as a copy.
+        When a file cannot be read, or a run is given twice, be it as a copy.
 
     Warns
     -----
     GroundWarning
-        For anything odd in a bag.
+        When something in a file is unusual.
 
     Examples
     --------
@@ -206,7 +206,7 @@ def _flat(given: Any) -> Iterator[Recording]:
         # Without what the runs of an earlier call decided.
         yield replace(given, decided=()) if given.decided else given
     elif hasattr(given, "columns"):
-        raise GroundError("a table is not a recording; ground.Recording.from_frame(TABLE) makes one of it")
+        raise GroundError("a table is not a recording; ground.Recording.from_frame(TABLE) converts it to one")
     elif isinstance(given, Iterable) and not isinstance(given, (str, os.PathLike)):
         for one in given:
             yield from _flat(one)

@@ -18,8 +18,8 @@ from ground.support.annotations import Document
 from ground.support.headline import Line
 
 LIKELIER = "likelier, but predicts worse than the model without it"
-NOT_SIGNIFICANT = "not significant among the %d that were tried"
-NOT_JUDGED = "likelier; its prediction was not judged"
+NOT_SIGNIFICANT = "not significant among the %d effects tried"
+NOT_JUDGED = "likelier; its predictions were not tested"
 MAX_SIZES = 3  # parameters of an effect that a row of its search has
 DENIED = 0.0499  # at an end of an interval of 95% the probability is 0.05, but for rounding
 # Words by the largest probability of as much evidence without the effect
@@ -115,7 +115,7 @@ def _answers(report: DiagnosisReport) -> Iterator[str]:
         yield _effect(report, step)
     if report.varies and report.verdict != "varies":
         differ = capital(listed([words.varying(found) for found in report.varies]))
-        yield "%s; each prediction estimates it from the poses before." % differ
+        yield "%s; each prediction estimates it from the preceding poses." % differ
     rest = _rest(report)
     if rest:
         yield rest
@@ -149,15 +149,15 @@ def _left(report: DiagnosisReport) -> str:
     agrees, found = report.agreement, report.prediction
     if not agrees.holds or found is None:
         return words.pattern(report) + "."
-    differs = "what differs between runs, " if report.varies else ""
-    told = "the remaining error, %s, is %sa random push" % (off(found.errors["improved"]), differs)
+    differs = "the differences between runs, " if report.varies else ""
+    told = "the remaining error, %s, is %sa random disturbance" % (off(found.errors["improved"]), differs)
     if not _is_chance(report):
-        told += " or an effect of something that was not recorded"
+        told += " or an effect of something unrecorded"
     return told + (": " + words.common(agrees.common) if agrees.common else "") + "."
 
 
 def _is_chance(report: DiagnosisReport) -> bool:
-    """Whether runs with the same commands show that more than half of what is left is a random push."""
+    """Whether runs with the same commands show that more than half of the rest is a random disturbance."""
     found = report.agreement.common
     return bool(report.agreement.holds and found and found.low <= 0 and found.high < 1 / 2)
 
@@ -181,11 +181,11 @@ def _certainty(report: DiagnosisReport, step: AddedEffect) -> str:
     held, fitted = step.judged.holdout, step.judged.fitted
     sure = _sure(max(step.p_corrected, step.p_interval))
     if held and held.is_worse:
-        return "Contradicted by the runs that you held out: they are predicted worse with it"
+        return "Contradicted by the runs that you held out: predictions of them are worse with it"
     if held and not held.is_better:
-        return "%s in the runs fitted to; the runs that you held out cannot confirm it" % sure
+        return "%s in the fitted runs; the runs that you held out cannot confirm it" % sure
     if not fitted.is_better:
-        return "Seen, not confirmed: parts of the runs that were held out cannot confirm it"
+        return "Seen, not confirmed: the held-out parts of the runs cannot confirm it"
     if _predicts_as_well_without(report):
         return "Seen, not confirmed: a refit without effects predicts as well"
     if step.p_interval > DENIED:
@@ -218,12 +218,12 @@ def _rest(report: DiagnosisReport) -> str:
         return "nothing that these runs show - " + _left(report)
     if kind == "complete" and not explained:
         return (
-            "nothing that these runs show - the remaining error is a random disturbance, which nothing "
-            "that was recorded predicts."
+            "nothing that these runs show - the remaining error is a random disturbance, which no recorded "
+            "quantity predicts."
         )
     if kind == "complete":
         small = [words.effect(report, one.effect) for one in report.dropped if one.change]
-        acts = " A trace of %s can be seen, too small to matter." % listed(small) if small else ""
+        acts = " There is a trace of %s, too small to matter." % listed(small) if small else ""
         return "nothing - the model predicts these runs as well as the mocap can measure them." + acts
     if kind == "varies":
         told = "no effect, but %s." % listed([words.varying(found) for found in report.varies])
@@ -231,14 +231,14 @@ def _rest(report: DiagnosisReport) -> str:
     if kind == "undecided":
         return "cannot be decided, because " + _undecided(report, depends)
     if kind == "missing" and depends and not explained:
-        told = "More may be missing that depends on %s; these runs cannot decide it."
+        told = "Something that depends on %s may also be missing; these runs cannot decide it."
         return told % words.arguments(report)
     if kind == "missing":
         doubted = not explained and not report.agreement.holds
         return "More may be missing: %s." % words.pattern(report) if doubted else ""
     unnamed = "that is not in the library"
     if report.selection:
-        unnamed = "that is none of the effects that were tried (%s)" % report.selection
+        unnamed = "that is none of the effects tried (%s)" % report.selection
     what = "something else" if report.improved.effects else "an effect"
     if ceiling.named_as:
         return "%s %s: %s." % (what, unnamed, ceiling.named_as)
@@ -248,7 +248,7 @@ def _rest(report: DiagnosisReport) -> str:
 def _undecided(report: DiagnosisReport, depends: bool) -> str:
     """Why runs cannot decide whether something is missing. depends: they show what it may depend on."""
     if number(report.noise_floor) == "-":
-        return "the model's motion is not finite along whole runs, so that what noise leaves is not known."
+        return "the model's motion is not finite over whole runs, so the noise floor is not known."
     if report.agreement.frequency:
         return words.pattern(report) + "."
     refuted = [dropped for dropped in report.dropped if dropped.change is None]
@@ -260,7 +260,7 @@ def _undecided(report: DiagnosisReport, depends: bool) -> str:
     if not report.agreement.holds:
         return words.pattern(report) + "."
     if report.improved.by == "simulation" and not report.steps:
-        return "the likelihood mistakes the rest for a random push, and predicts worse than another fit."
+        return "the likelihood takes the rest for a random disturbance and predicts worse than another fit."
     told = "a random disturbance explains the rest as well as an effect of up to %.0f%% of it would."
     return told % float(100 * report.ceiling.bound)
 
@@ -280,18 +280,18 @@ def _next(report: DiagnosisReport, folder: str) -> str:
         if folder:
             model = shlex.quote(report.model)
             whole = "rosrun ground identify diagnose BAGS --model %s -o whole_library" % model
-        return "let all effects of the library be tried:\n" + whole
+        return "try all effects of the library:\n" + whole
     if nameless and report.unexplained.proposal:
         adds = "ground.add(diagnosis.improved, diagnosis.proposal, RECORDINGS)"
         if folder:
             files = _in(folder, "proposal.yaml"), _in(folder, "improved.yaml")
             adds = "rosrun ground identify add %s BAGS --model %s -o proposed.yaml" % files
-        return "the formula is a new effect; this adds it and fits its size:\n" + adds
+        return "the formula is a new effect; to add it and fit its size:\n" + adds
     if nameless:
         return "record more runs over the same places with other commands, so that a formula can be found"
     swings = report.agreement.frequency
     if swings and (kind == "undecided" or (kind != "varies" and _rest_matters(report))):
-        return "switch off what swings or turns near the craft, one at a time, and record again"
+        return "switch off whatever swings or turns near the craft, one thing at a time, and record again"
     if kind == "undecided":
         return "record more and longer runs, over the same places, with other commands"
     judged = [one for step in report.steps for one in (step.judged.fitted, step.judged.holdout)]
@@ -306,18 +306,18 @@ def _next(report: DiagnosisReport, folder: str) -> str:
     if kind in ("complete", "missing") and _rest_matters(report) and not _is_chance(report):
         return _repeat(report, " (roslaunch: returns:=false)" if folder else "")
     model = _in(folder, "improved.yaml") if folder else "diagnosis.improved"
-    told = "nothing needed; controllers and the simulator take %s" % model
+    told = "nothing needed; controllers and the simulator accept %s" % model
     if proposed:
         hidden = words.effects(report, proposed.separates[:1])
-        return "%s. These runs cannot show %s; this would:\n%s" % (told, hidden, flies)
+        return "%s. These runs cannot show %s; to test it:\n%s" % (told, hidden, flies)
     return told
 
 
 def _repeat(report: DiagnosisReport, by: str) -> str:
-    """The flights that tell whether what is left is chance; by: how they are flown."""
+    """The flights that show whether the remaining error is chance; by: how they are flown."""
     if report.agreement.common:
-        return "fly the same commands more often, and diagnose all runs: what they share is not yet clear"
+        return "fly the same commands more often, and diagnose all runs: their common part is not yet clear"
     return (
         "fly the same commands twice from the same start%s, and diagnose both runs with these: a random "
-        "push leaves different errors in the two, what is missing leaves the same" % by
+        "disturbance leaves different errors in the two, a missing effect the same ones" % by
     )

@@ -33,30 +33,30 @@ from ground.support.progress import Progress, Work
 
 @dataclass(frozen=True)
 class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
-    """What is searched for."""
+    """Which effects are searched for."""
 
     only: Optional[Sequence[str]] = option(
         None,
-        "effects to try, of the library and of --effects (all but %s)" % ", ".join(candidates.on_request()),
+        "effects to try, from the library and --effects (all but %s)" % ", ".join(candidates.on_request()),
         metavar="EFFECT",
         nargs="+",
     )
     exclude: Sequence[str] = option((), "effects not to try", metavar="EFFECT", nargs="+")
     effects: Sequence[EffectLike] = option(
         (),
-        "effects to try as well: your own, one in each FILE.yaml, as model files list them, or names of "
+        "further effects to try: your own, one per FILE.yaml, as in model files, or names of "
         "library effects that are not tried by default (%s)" % ", ".join(candidates.on_request()),
         metavar="EFFECT",
         nargs="+",
     )
     matters: Optional[str] = option(
         None,
-        "least change of a predicted pose that matters, such as 2mm,0.5deg (five times the noise of a pose)",
+        "smallest change of a predicted pose that matters, such as 2mm,0.5deg (five times the pose noise)",
         metavar="MM,DEG",
     )
     room: Optional[RoomLike] = option(
         None,
-        "room of the next experiment (of the first run that has one, else 4 x 4 m)",
+        "room of the next experiment (the first one recorded with a run, else 4 x 4 m)",
         metavar="ROOM.yaml",
     )
 
@@ -77,15 +77,16 @@ def diagnose(
     Parameters
     ----------
     model : Model or path
-        The model to look into.
+        The model to diagnose.
     holdout : Recording, path, or several, optional
-        Tests the result and influences nothing. Without it, parts of recordings are held out.
+        Recordings that test the result and do not influence it. Without them, parts of the recordings
+        are held out.
     told : callable, optional
         Called with each line of the verdict as soon as it is known.
     tried : callable, optional
-        Called during the search, whenever more is known of single effects, with dictionaries as in
-        `Diagnosis.tried`, the best first, and `prediction`, how far predicted poses are off with the effect.
-        An exception that it raises ends the search.
+        Called during the search, whenever more is known about single effects, with dictionaries as in
+        `Diagnosis.tried`, the best first, which also contain `prediction`, the errors of poses predicted with
+        the effect. An exception that the callable raises ends the search.
 
     Returns
     -------
@@ -192,7 +193,7 @@ def _what_matters(text: Optional[str]) -> Optional[Array]:
     values = np.array(found.groups() if found else [0.0], float)
     if not values.min() > 0:
         raise OptionError(
-            "{0}: {given!r} is not a position and a heading; write for example 2mm,0.5deg",
+            "{0}: {given!r} is not a position and a heading; write, for example, 2mm,0.5deg",
             "matters",
             given=text,
         )
@@ -205,7 +206,7 @@ def _note_boat(model: Model) -> None:
     if reversible and not model.core.hull_length > 0:
         warn(
             "%s has propellers that reverse, and no lift fan: if it floats, write 'hull: {length: METRES}' "
-            "under 'body' in its model, and effects of hulls are tried, too" % model.name
+            "under 'body' in its model, and effects of hulls are also tried" % model.name
         )
 
 

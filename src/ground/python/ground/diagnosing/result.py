@@ -31,7 +31,7 @@ FILES = ("diagnosis.json", "report.html", "improved.yaml", "proposal.yaml", "nex
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown, Plotted, Estimated):
-    """Which effects are missing in a model, by how much they improve it, and the model with them.
+    """Effects that are missing in a model, how much they improve it, and the model with them.
 
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "wind"])
     >>> found.save("diagnosis")[0]
@@ -46,15 +46,15 @@ class Diagnosis(Shown, Plotted, Estimated):
     """
 
     verdict: str  #: complete, missing, varies, memory, unexplained, undecided or misread
-    effects: Tuple[str, ...]  #: effects that were added, in the order in which the error falls
-    improved: Model  #: the model with them, refitted
-    parameters: Dict[str, Parameter]  #: its parameters, by name
+    effects: Tuple[str, ...]  #: added effects, in the order in which they lower the error
+    improved: Model  #: the model with these effects, refitted
+    parameters: Dict[str, Parameter]  #: parameters of the improved model, by name
     #: held-out error of the best refit without the effects, then after each effect
     error: Tuple[float, ...]
-    noise_floor: float  #: error there that pose noise would leave
+    noise_floor: float  #: held-out error of a true model, from pose noise
     next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: the proposed experiment
-    contents: DiagnosisReport  #: everything
-    drawn: Optional[Drawn]  #: what its page draws; None when it was loaded
+    contents: DiagnosisReport  #: all contents of diagnosis.json
+    drawn: Optional[Drawn]  #: data of the page's figures; None in a loaded diagnosis
 
     @classmethod
     @internal
@@ -82,12 +82,12 @@ class Diagnosis(Shown, Plotted, Estimated):
 
     @cached_property
     def report(self) -> Document:
-        """Everything, as diagnosis.json has it; docs/schemas/diagnosis.schema.json explains the keys."""
+        """All contents of diagnosis.json; docs/schemas/diagnosis.schema.json explains the keys."""
         return records.plain(self.contents)  # type: ignore[no-any-return]
 
     @property
     def proposal(self) -> Optional[Effect]:
-        """A formula for what has no name, as an effect that can be added; None without one."""
+        """A formula for the unnamed part of the error, as an effect that can be added; None without one."""
         proposal = self.contents.unexplained.proposal
         return Effect.of(proposal.entry) if proposal else None
 
@@ -109,7 +109,7 @@ class Diagnosis(Shown, Plotted, Estimated):
     def llf(self) -> float:
         """Log-likelihood of the measured poses (and of gyro and accelerometer, where they were recorded)
         under the improved model with a random disturbance and the noise of the poses, whose levels are
-        fitted, too: of one-step predictions of a Kalman filter (docs: Likelihood). Poses are thinned; of
+        also fitted: of one-step predictions of a Kalman filter (docs: Likelihood). Poses are thinned; of
         long runs, it covers the parts that were searched (`seconds` of the report). GroundError where the
         improved model was fitted by simulation error, or the diagnosis was saved by an older version."""
         return self._likelihood.llf
@@ -137,20 +137,20 @@ class Diagnosis(Shown, Plotted, Estimated):
         return found
 
     def headline(self, written: str = "") -> List[Line]:
-        """Its first lines: what is missing, how much it matters, and what to do next."""
+        """First lines of the report: what is missing, how much it matters, and what to do next."""
         return answer.lines(self.contents, written)
 
     def details(self) -> Iterator[str]:
-        """The evidence: what each effect explains, and what is left."""
+        """Lines of text: the evidence for each effect, and the remaining error."""
         return words.evidence(self.contents)
 
     def to_dict(self) -> Document:
-        """Plain values, as diagnosis.json has them."""
+        """The result as plain values, as in diagnosis.json."""
         return self.report
 
     def to_frame(self) -> "pandas.DataFrame":
-        """The effects tried, best first, indexed by name: p, p_corrected (for their number), delta_bic,
-        error_fit, error_heldout, selected, seen, estimates (in words, each effect alone)."""
+        """Table of the effects tried, best first, indexed by name: p, p_corrected (for their number),
+        delta_bic, error_fit, error_heldout, selected, seen, estimates (in words, effect by effect)."""
         import pandas
 
         rows = [
@@ -186,19 +186,19 @@ class Diagnosis(Shown, Plotted, Estimated):
     def to_mat(self, path: Path, force: bool = False) -> None:
         """Writes a file for MATLAB and Octave.
 
-        It has structs `models`, `parameters` and `runs` with what was measured and what the models "refitted"
-        (without the effects) and "improved" predict, and `effects` with those tried; its text `about` has
-        units and frames.
+        The file contains structs `models`, `parameters` and `runs` with the measured motion and the
+        predictions of the models "refitted" (without the effects) and "improved", and `effects` with the
+        effects tried; its text `about` explains units and frames.
 
         Raises
         ------
         GroundError
-            When the file cannot be written, or the diagnosis was loaded.
+            When the file cannot be written, or this diagnosis was loaded.
         """
         from ground.reports import matlab
 
         if self.drawn is None:
-            raise GroundError("a diagnosis that was loaded has no runs to write: diagnose again with --mat")
+            raise GroundError("a loaded diagnosis contains no runs to write: diagnose again with --mat")
         models = {REFITTED: Model(self.drawn.models[REFITTED]), "improved": self.improved}
         studied = matlab.studies(models, [*self.drawn.runs, *self.drawn.held])
         effects = self.to_frame().reset_index().rename(columns={"effect": "name"})
@@ -212,17 +212,17 @@ class Diagnosis(Shown, Plotted, Estimated):
         Returns
         -------
         list of str
-            Paths of the files.
+            Paths of the written files.
 
         Raises
         ------
         GroundError
-            When a file cannot be written, or the diagnosis was loaded.
+            When a file cannot be written, or this diagnosis was loaded.
         """
         from ground.diagnosing import page
 
         if self.drawn is None:
-            raise GroundError("this diagnosis was loaded: the folder that it was saved in has all of it")
+            raise GroundError("this diagnosis was loaded: the folder from which it came contains all of it")
         place = os.fspath(folder)
         paths = prepare(place, force)
         stale = FILES if result_folder.is_of(paths[0], SCHEMA) else ()

@@ -70,7 +70,7 @@ def apart(report: DiagnosisReport) -> Iterator[str]:
     for c in report.candidates:
         if not c.seen:
             others = effects(report, c.group[1:])
-            why = "a change of %s would look the same" % others if others else "it changes nothing in them"
+            why = "a change of %s would look the same" % others if others else "it would not change them"
             yield "These runs cannot show %s: %s." % (effect(report, c.effect), why)
     for step in report.steps:
         others = effects(report, step.others)
@@ -92,7 +92,7 @@ def arguments(report: DiagnosisReport) -> str:
     shares = report.ceiling.arguments
     most = max(shares.values(), default=0.0)
     named = [WORDS[name] for name, share in shares.items() if share >= MIN_ARGUMENT * most]
-    return listed(named) if named else "what was recorded"
+    return listed(named) if named else "recorded quantities"
 
 
 def _part(share: float, low: float, high: float) -> str:
@@ -163,20 +163,20 @@ def left(report: DiagnosisReport) -> Iterator[str]:
     if levels["sigma_room"] > MIN_ROOM * max(levels["sigma_X"], levels["sigma_Y"]):
         yield (
             "A random force of %s keeps its direction in the room while the craft turns, for about %.2g s, "
-            "as a draught does." % (quantity(levels["sigma_room"], "N", 2), levels["time_room"])
+            "like a draught." % (quantity(levels["sigma_room"], "N", 2), levels["time_room"])
         )
 
 
 def unexplained(report: DiagnosisReport) -> Iterator[str]:
-    """An effect that would lower what is left."""
+    """An effect that would lower the remaining error."""
     proposal = report.unexplained.proposal
     if proposal:
         values = ["%s = %.4g %s" % (n, p.value, p.unit) for n, p in proposal.parameters.items()]
         terms = ["%s = %s" % item for item in proposal.expression.items()]
         means, error = capital(proposal.means), number(proposal.error.heldout)
         yield (
-            "%s would lower the cross-validated error to %s (%s with %s). It is an effect that can be "
-            "added, in proposal.yaml." % (means, error, "; ".join(terms), ", ".join(values))
+            "%s would lower the cross-validated error to %s (%s with %s). proposal.yaml contains it as an "
+            "effect that can be added." % (means, error, "; ".join(terms), ", ".join(values))
         )
 
 
@@ -184,7 +184,7 @@ def extent(report: DiagnosisReport) -> Iterator[str]:
     """How much of the data was used, if not all."""
     seconds, windows = report.seconds, report.windows
     if seconds and seconds.used < seconds.available:
-        yield "Effects were searched in %.0f of %.0f s, in which the craft moves most." % (
+        yield "Effects were searched in the %.0f of %.0f s in which the craft moves most." % (
             seconds.used,
             seconds.available,
         )
@@ -196,13 +196,13 @@ def extent(report: DiagnosisReport) -> Iterator[str]:
 
 
 def common(found: Common) -> str:
-    """What runs with the same commands have in common of what is left."""
+    """The part of the missing force that runs with the same commands share."""
     part = _part(found.share, found.low, found.high)
-    return "runs with the same commands have %s of the missing force in common" % part
+    return "runs with the same commands share %s of the missing force" % part
 
 
 def pattern(report: DiagnosisReport) -> str:
-    """How what is left differs from a steady random push."""
+    """How the remaining error differs from a steady random disturbance."""
     found = report.agreement
     if found.frequency:
         return (
@@ -210,8 +210,8 @@ def pattern(report: DiagnosisReport) -> str:
             "fan or an unbalanced motor" % found.frequency
         )
     if found.common and found.common.stands_out:
-        return common(found.common) + ", which no effect of the library and nothing recorded describes"
-    return "the rest acts only at some times or places, as gusts, cables, bad floor or late commands do"
+        return common(found.common) + ", which no effect of the library and no recorded quantity describes"
+    return "the rest acts only at some times or places, as gusts, cables, a bad floor or late commands would"
 
 
 def evidence(report: DiagnosisReport) -> Iterator[str]:
@@ -228,7 +228,7 @@ def evidence(report: DiagnosisReport) -> Iterator[str]:
     form = "%4s %9s %11s %9s %9s  %s"
     yield form % ("rank", "p", "p_corrected", "dBIC", "crossed", "effect: parameters [95%]")
     alone = number(report.nominal.cross_validated)
-    yield form % ("-", "-", "-", "-", alone, "none, refitted by likelihood as all below")
+    yield form % ("-", "-", "-", "-", alone, "none, refitted by likelihood, as are all below")
     for c in report.candidates[:8]:
         name = "* " * c.selected + effect(report, c.effect)
         values = "; ".join(parameters(c.parameters))

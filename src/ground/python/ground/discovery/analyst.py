@@ -93,7 +93,7 @@ class Analyst:
         self.given, self.room, self.threads = given, room, threads
         self.own: Dict[str, Proposal] = {}  # effects that were proposed on the way, by name
         self.proposals = 0  # number of formulas that were proposed
-        self.depends = "depends on what is not measured"  # what the last diagnosis left unexplained
+        self.depends = "depends on unmeasured quantities"  # what the last diagnosis left unexplained
         self.sizes: Dict[str, float] = {}  # those that matter, by parameter of an effect
         self._prepare()
 
@@ -245,7 +245,7 @@ def sentences(found: FlightDiagnosis, formulas: Mapping[str, Mapping[str, str]])
     said = []
     for name in found.words:
         parts = ["%s = %s" % part for part in sorted(formulas[name].items())]
-        said.append("The library does not have %s: %s." % (name, ", ".join(parts)))
+        said.append("The library does not contain %s: %s." % (name, ", ".join(parts)))
     if found.conclusion.varies:
         names = [one.parameter for one in found.conclusion.varies]
         said.append("Differs from flight to flight: %s." % ", ".join(names))

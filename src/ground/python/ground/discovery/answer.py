@@ -60,4 +60,4 @@ def _next(story: Story) -> str:
         return "%s; needed: %s" % (story.reason, story.needed)
     if story.sure:
         return "nothing needed - %s" % story.reason
-    return "to continue, repeat it with the same folder (it ended: %s)" % story.reason
+    return "to continue, repeat the command with the same folder (it ended: %s)" % story.reason

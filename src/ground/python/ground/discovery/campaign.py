@@ -184,7 +184,7 @@ class FlightCampaign(Flights):
             "An independent test flight: both models predict it in advance.",
         )
         if flown is None:
-            self._end("no time of flight is left for a confirming flight")
+            self._end("no flight time remains for a confirming flight")
             return
         recording = self._recordings.get(flown.flight.number)
         if recording is not None:

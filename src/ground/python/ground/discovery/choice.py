@@ -69,6 +69,6 @@ def _reason(asked: information.Questions, known: Array, after: Array) -> str:
     named = ", ".join(decided[:NAMED]) + (", ..." if len(decided) > NAMED else "")
     if not decided:
         return "It makes %d of the open effects more visible." % len(effects)
-    return "It is expected to decide on %d of %d open effects (%s)." % (
+    return "It is expected to decide %d of %d open effects (%s)." % (
         len(decided), len(effects), named,
     )  # fmt: skip

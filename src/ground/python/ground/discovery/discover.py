@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 REST = 2.0  # length of a simulation that checks the conditions [s]
 DETAILS = """
 The craft flies bursts of inputs in a room, without ROS and faster than real time. All flights so far
-are diagnosed, the controllers take the improved model, and the next flight is the one that is
+are diagnosed, the controllers use the improved model, and the next flight is the one that is
 expected to show most about the effects that are still open. When no question is left, an
 independent test flight checks the result.
 
 DIR keeps recordings, inputs, models, journal.json and, after each step, the page report.html. When
-DIR has a discovery of the same model, it is continued. A disturbance in the file of the true model
+DIR contains a discovery of the same model, it is continued. A disturbance in the file of the true model
 acts only with --disturbance.
 """
 
@@ -48,7 +48,7 @@ class DiscoverOptions(simulating.Acting, simulating.Mocap):
     room: Optional[RoomLike] = option(None, "room in which it flies (4 x 4 m)", metavar="ROOM.yaml")
     budget: float = option(
         flights.CampaignSettings.budget,
-        "longest time of flight [s] (%(default)g)",
+        "longest flight time [s] (%(default)g)",
         range=(1.0, 1e5),
         metavar="S",
     )
@@ -65,7 +65,7 @@ class DiscoverOptions(simulating.Acting, simulating.Mocap):
 
 @dataclass(frozen=True, repr=False)
 class Discovery(Shown, Plotted):
-    """What a craft has found out about its own physics.
+    """The result of a discovery: what a craft has found out about its own physics.
 
     >>> craft = ground.Model.load(model_file).with_effect("yaw_bias", n0=1e-4)
     >>> found = ground.discover(model_file, craft, "discovered", budget=30, track=False)
@@ -73,14 +73,14 @@ class Discovery(Shown, Plotted):
     True
     """
 
-    verdict: str  #: as of a Diagnosis; empty if no flight was diagnosed
-    effects: Tuple[str, ...]  #: effects that the given model misses
-    groups: Dict[str, List[str]]  #: effects that cannot be distinguished from a found one, itself first
-    model: Model  #: the model with them, fitted to the flights
-    sure: bool  #: whether nothing is open that a flight could show
-    confirmed: bool  #: whether it has predicted an independent test flight
-    seconds: float  #: time of flight [s]
-    story: Story  #: everything, flight by flight
+    verdict: str  #: verdict as in a Diagnosis; empty if no flight was diagnosed
+    effects: Tuple[str, ...]  #: effects that the given model lacks
+    groups: Dict[str, List[str]]  #: indistinguishable effects by found effect, itself first
+    model: Model  #: the model with these effects, fitted to the flights
+    sure: bool  #: whether no question is open that a flight could answer
+    confirmed: bool  #: whether the model has predicted an independent test flight
+    seconds: float  #: flight time [s]
+    story: Story  #: all contents of journal.json, flight by flight
     page: str  #: path of report.html; empty without a folder
 
     @classmethod
@@ -111,12 +111,12 @@ class Discovery(Shown, Plotted):
         return cls.of(story, model, page if os.path.isfile(page) else "")
 
     def to_dict(self) -> Dict[str, object]:
-        """Plain values, as journal.json has them."""
+        """The result as plain values, as in journal.json."""
         return self.story.to_dict()
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Error [mm] of the position that each model (columns) predicts on each flight, and the
-        floor, indexed by the number of the flight; NaN where a model was not there or is not finite."""
+        """Position errors [mm] of each model (columns) on each flight, and the noise floor, indexed by the
+        number of the flight; NaN where a model did not exist yet or is not finite."""
         import pandas
 
         labels = [version.label for version in self.story.versions]
@@ -128,11 +128,11 @@ class Discovery(Shown, Plotted):
         return pandas.DataFrame(rows, index, [*labels, "floor"], dtype=float)
 
     def headline(self, written: str = "") -> List[Line]:
-        """Its first lines: what is missing, how much it matters, and what to do next."""
+        """First lines of the report: what is missing, how much it matters, and what to do next."""
         return answer.lines(self.story, self.model.core, self.model.path, self.page)
 
     def details(self) -> Iterator[str]:
-        """The confirmation, and how much better the model tracks."""
+        """Lines of text: the confirmation, and how much better the model tracks."""
         yield from words.details(self.story)
 
 
@@ -148,20 +148,20 @@ def discover(
 ) -> Discovery:
     """Lets a simulated craft find its own physics.
 
-    It flies, is diagnosed, chooses the flight that is expected to show most about open questions, and
-    flies again, until no question is left. `trim` differs from flight to flight.
+    The craft flies and is diagnosed; then it chooses the flight that is expected to show most about open
+    questions, and flies again, until no question is left. `trim` differs from flight to flight.
 
     Parameters
     ----------
     model : Model or path
-        What is known of the craft.
+        The model to begin with: what is known of the craft.
     truth : Model or path
-        The model by which it moves.
+        The true model, by which the simulated craft moves.
     folder : path, optional
-        Keeps recordings, models, journal.json and the page report.html after each step. The discovery of a
-        folder is continued.
+        Folder for recordings, models, journal.json and the page report.html, written after each step. A
+        discovery that the folder contains is continued.
     told : callable, optional
-        Called with the Story at each change.
+        Called with the Story whenever it changes.
 
     Raises
     ------

@@ -20,7 +20,7 @@ MIN_ERROR = 1e-3  # smallest error that is drawn [mm]
 
 
 def errors(story: Story) -> Optional[Dict[str, object]]:
-    """The error of each model on each flight, and the floor of noise; None before a
+    """The error of each model on each flight, and the noise floor; None before a
     flight has any."""
     flights = [flown for flown in story.flights if flown.errors]
     if not flights:
@@ -36,7 +36,7 @@ def errors(story: Story) -> Optional[Dict[str, object]]:
         at = [n + step for n, _ in floors for step in (-0.4, 0.4, math.nan)]
         levels = [level for _, level in floors for _ in range(3)]
         line = {"color": FLOOR, "width": 2, "dash": "dot"}
-        figure.add(curve(at, levels, "floor of noise", line, True))
+        figure.add(curve(at, levels, "noise floor", line, True))
     numbers = [flown.flight.number for flown in flights]
     figure.update_xaxes(title="flight", range=[min(numbers) - 0.6, max(numbers) + 0.6], tickformat="d")
     span = [math.log10(low), math.log10(top)]
@@ -63,7 +63,7 @@ def _errors_title(story: Story, flights: Sequence[Flown]) -> str:
     """What the errors show: how far they fall."""
     known = [off[0] for off in flights[-1].errors.values() if off]
     if len(known) < 2:
-        return "How far the given model's predictions are off"
+        return "Prediction errors of the given model"
     told = flights[-1].flight.number, millimetres(known[0]), millimetres(known[-1])
     return "On flight %d predictions are off by %s with the given model, by %s with what was found" % told
 

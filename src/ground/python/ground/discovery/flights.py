@@ -57,7 +57,7 @@ class Flights:
     def _track(self, label: str) -> None:
         """Flies the reference with a model."""
         if self._left() < tracking.SECONDS:
-            self._end("no time of flight is left to track a reference")
+            self._end("no flight time remains to track a reference")
             return
         refused = self._load(label) if label != self.story.in_use else ""
         if refused:
@@ -163,7 +163,9 @@ class Flights:
         for version in story.versions:
             self.models[version.label] = self.journal.model(version.file)
         if self.models[GIVEN].format() != self.given.format():
-            raise GroundError("%s is the discovery of another model: name a new folder" % self.journal.folder)
+            raise GroundError(
+                "%s contains the discovery of another model: name a new folder" % self.journal.folder
+            )
         if story.sure:
             return story
         story.budget = max(story.budget, self.settings.budget)

@@ -53,7 +53,7 @@ class Journal:
         names = self._files()
         if names and (names != [FIRST] or self.model(FIRST).format() != given.format()):
             raise GroundError(
-                "%s has files, but no %s: name a new folder, or the folder of a discovery"
+                "%s contains files, but no %s: name a new folder, or the folder of a discovery"
                 % (self.folder, STORY)
             )
         self.keep_model(FIRST, given)

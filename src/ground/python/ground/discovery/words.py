@@ -12,17 +12,17 @@ from ground.reports import words
 from ground.reports.words import listed, number, sentence
 
 PURPOSES = {
-    tale.LOOK: "looks at everything that the library could explain",
-    tale.DECIDE: "decides between what is still open",
-    tale.CONFIRM: "tests the result by an independent flight",
+    tale.LOOK: "looks for every effect of the library",
+    tale.DECIDE: "decides between the open explanations",
+    tale.CONFIRM: "tests the result in an independent flight",
     tale.TRACK: "follows a reference, to see whether the model makes tracking better",
 }
 VERDICTS = {  # for a finding without effects
     "complete": "nothing is missing",
     "missing": "nothing is missing",  # as long as no effect is named
     "varies": "no effect is missing, but a trim or the thrust differs between flights",
-    "memory": "something without a name is missing, which depends on the past",
-    "unexplained": "something without a name is missing, which none of the effects tried explains",
+    "memory": "something unnamed is missing, which depends on the past",
+    "unexplained": "something unnamed is missing, which none of the effects tried explains",
     "undecided": "these flights cannot decide whether something is missing",
     "misread": "these recordings seem to be read with wrong units, axes, channels or clocks, so that no "
     "effect was searched for",
@@ -41,7 +41,7 @@ def verdict_of(finding: Finding, model: Optional[_core.Model] = None) -> str:
     if not named:
         return rest
     text = "%s %s missing" % (listed(named), "is" if len(named) == 1 else "are")
-    return text + ("; beside that, " + rest if rest else "")
+    return text + ("; besides, " + rest if rest else "")
 
 
 def effects_of(finding: Finding, model: Optional[_core.Model] = None) -> List[str]:
@@ -59,7 +59,7 @@ def rest_of(finding: Finding) -> str:
         return ""
     rest = VERDICTS.get(finding.verdict, finding.verdict)
     if is_left and finding.verdict not in RESTS:
-        rest = "something may be left that is not random"
+        rest = "part of the remaining error may not be random"
     known = [*finding.effects, *(o for n in finding.effects for o in finding.groups.get(n, []))]
     proposed = [in_words(name, finding.words) for name in finding.words if name not in known]
     return rest + (": it may be " + ", or ".join(proposed) if proposed else "")

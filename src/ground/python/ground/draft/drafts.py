@@ -47,7 +47,7 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
     if chosen is None and not other and not any(seen.values for seen in every):
         why = "".join("\n  " + line.lstrip("# ") for line in unread)
         raise GroundError(
-            "%s: nothing in it has poses or numbers that could be commands%s" % (source.path, why)
+            "%s: it contains neither poses nor numbers that could be commands%s" % (source.path, why)
         )
     lines = ["# Drafted from %s. Check it: each guess gives its reason." % source.path]
     lines += ["schema: %s" % SCHEMA, "", "# In the file:"]
@@ -263,7 +263,7 @@ def _unit_of(seen: Seen, pose: sightings.PoseColumns, times: Array, position: Ar
     said = every.pop() if len(every) == 1 else ""
     if pose.kind == "fix":
         is_named = words.axis(pose.position[0])[0] in ("lat", "lon")
-        return "deg", ("" if is_named else MARK + "the numbers alone look like degrees, ") + evidence
+        return "deg", ("" if is_named else MARK + "only the numbers suggest degrees, ") + evidence
     if said in {**LENGTHS, **FURTHER_LENGTHS}:
         return said, (MARK + "m is fast, " if said == "m" and likely else "") + evidence
     is_known = seen.kind in pose_columns.KINDS and not likely

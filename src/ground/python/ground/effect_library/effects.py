@@ -30,17 +30,17 @@ class EffectParameter(Described):
     EffectParameter(unit='m/s', value=0.1, neutral=0.0, meaning='velocity along world x')
     """
 
-    unit: str  #: such as "N s/m"
-    value: float  #: at which a fit begins
+    unit: str  #: unit, such as "N s/m"
+    value: float  #: value at which a fit begins
     neutral: float  #: value at which the effect does nothing
-    meaning: str = ""  #: in words
+    meaning: str = ""  #: meaning in words
 
 
 class Effect(Shown):
-    """An effect that acts on a craft: one of the library by name, or one of your own.
+    """An effect that acts on a craft: a library effect by name, or one of your own.
 
-    `model + effect` is the model with it; fit, add, diagnose, simulate and model files take all kinds of
-    effects.
+    `model + effect` is the model with the effect; fit, add, diagnose, simulate and model files accept all
+    kinds of effects.
 
     A force of your own is a Python function of `state` (u, v, r, x, y, psi, t and the effect's states),
     `inputs` (left, right, lift, or u_NAME of a thruster) and the parameters by name; it returns X, Y, N, or
@@ -64,8 +64,8 @@ class Effect(Shown):
     thrust : mapping, optional
         Formulas of forces added to thrusters [N], by thruster (L, R or its name).
     **parameters
-        Of the library's effects, their values; of formulas, (value, unit), (value, unit, lower, upper), or
-        the keys of a model file. The effect must do nothing at the neutral value, 0 by default.
+        For a library effect, values of its parameters; for formulas, (value, unit), (value, unit, lower,
+        upper), or the keys of a model file. The effect must do nothing at the neutral value, 0 by default.
 
     Examples
     --------
@@ -97,9 +97,9 @@ class Effect(Shown):
             from ground.effect_library import traced
 
             formulas.update(traced.traced(name, force, states, parameters))
-        self.entry: Document = {"name": name}  #: as model files list it
-        self.path = ""  #: of the file that it was read from
-        self.text = ""  #: of that file
+        self.entry: Document = {"name": name}  #: the effect as model files list it
+        self.path = ""  #: path of the file from which the effect was read
+        self.text = ""  #: text of that file
         if not formulas:
             if force is not None or states:
                 raise GroundError("effect %s: it has no force" % name)
@@ -133,13 +133,13 @@ class Effect(Shown):
     def of_formulas(
         cls, X: str = "", Y: str = "", N: str = "", *, name: str = "formula", thrusters: Sequence[str] = ()
     ) -> "Effect":
-        """An effect of formulas alone: non-variable names become parameters that a fit finds.
+        """An effect made only of formulas: names that are not variables become parameters to be fitted.
 
         Parameters
         ----------
         X, Y, N : str, optional
-            Formulas [N, N, N m]. Parameters get the units of what they multiply ("-" where that is not
-            enough).
+            Formulas [N, N, N m]. The units of parameters follow from the terms that they multiply ("-" where
+            these do not suffice).
         name : str, default 'formula'
             Name in models and reports.
         thrusters : sequence of str, optional
@@ -148,7 +148,7 @@ class Effect(Shown):
         Raises
         ------
         GroundError
-            Names invalid formulas, or where units differ.
+            When a formula is invalid, or units differ; the message names the place.
 
         Examples
         --------
@@ -163,7 +163,7 @@ class Effect(Shown):
 
         own = units.parameters(formulas, ["u_" + one for one in ("L", "R", *thrusters)])
         if not own:
-            raise GroundError("the formula has no parameter that a fit could find, as a in a*u*v")
+            raise GroundError("the formula contains no parameter to fit, such as a in a*u*v")
         described = {key: {"value": 0.0, "unit": unit.replace("?", "-")} for key, unit in own.items()}
         return cls.of({"name": name, "expression": formulas, "parameters": described})
 
@@ -182,7 +182,7 @@ class Effect(Shown):
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the effect."""
         return str(self.entry["name"])
 
     @property
@@ -192,12 +192,12 @@ class Effect(Shown):
 
     @property
     def meaning(self) -> str:
-        """What it is, in words; empty for your own."""
+        """Meaning of the effect in words; empty for effects of your own."""
         return candidates.summaries().get(self.name, "")
 
     @property
     def parameters(self) -> Dict[str, EffectParameter]:
-        """Its parameters by name."""
+        """Parameters of the effect, by name."""
         if "expression" in self.entry:
             given = self.entry.get("parameters", {})
             return {
@@ -228,11 +228,11 @@ class Effect(Shown):
         return candidates.from_entry(entry, "effect %s" % self.name, model)
 
     def save(self, path: Path, force: bool = False) -> None:
-        """Writes it as a YAML file that --effects takes."""
+        """Writes the effect as a YAML file, for example for --effects."""
         files.write_yaml(os.fspath(path), self.entry, force)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Its parameters, indexed by name: value, unit, neutral, meaning."""
+        """Table of the parameters, indexed by name: value, unit, neutral, meaning."""
         import pandas
 
         own = self.parameters
@@ -241,7 +241,7 @@ class Effect(Shown):
         return pandas.DataFrame(rows, index, ["value", "unit", "neutral", "meaning"])
 
     def lines(self, written: str = "") -> Iterator[str]:
-        """Name, meaning, formulas and parameters."""
+        """Lines of text: name, meaning, formulas and parameters."""
         yield "%s: %s" % (self.name, self.meaning) if self.meaning else self.name
         for key, text in self.formulas.items():
             yield "  %s = %s" % (key, text)
@@ -259,7 +259,7 @@ EffectLike = Union[Effect, Mapping[str, Any], Path]
 
 
 class Effects(Shown, List[Effect]):
-    """Effects as a list that shows as a table.
+    """A list of effects that is displayed as a table.
 
     >>> print(ground.effects()[-1])
     yaw_bias: constant yaw moment
@@ -267,7 +267,7 @@ class Effects(Shown, List[Effect]):
     """
 
     def to_frame(self) -> "pandas.DataFrame":
-        """A row for each, indexed by name: meaning, and parameters with their units."""
+        """Table of the effects, indexed by name: meaning, and parameters with their units."""
         import pandas
 
         rows = [[one.meaning, _listed(one.parameters)] for one in self]
@@ -275,14 +275,14 @@ class Effects(Shown, List[Effect]):
         return pandas.DataFrame(rows, index, ["meaning", "parameters"])
 
     def lines(self, written: str = "") -> Iterator[str]:
-        """A line for each."""
+        """Lines of text: one per effect."""
         for name, row in self.to_frame().iterrows():
             yield "%-24s %s: %s" % (name, row["meaning"], row["parameters"])
 
 
 @complete
 def effects() -> Effects:
-    """Lists the effects of the library, with meaning and parameters.
+    """Lists the effects of the library with their meaning and parameters.
 
     A diagnosis tries all but those that it is asked for (`effects=` of ground.diagnose). Crafts that list
     their thrusters have effects of single ones as well, such as thruster_gain_NAME.

@@ -79,7 +79,7 @@ def formula(value: Any) -> str:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise GroundError("a force has numbers, not %s" % type(value).__name__)
+        raise GroundError("a force needs numbers, not %s" % type(value).__name__)
     if not np.isfinite(number):
         raise GroundError("a force must be finite, not %g" % number)
     return repr(number) if number >= 0 else "(%r)" % number

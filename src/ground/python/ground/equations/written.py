@@ -44,37 +44,37 @@ class ExportedModel(Shown):
     ('numpy', ['x', 'y', 'psi', 'u', 'v', 'r'])
     """
 
-    path: str  #: of the file
-    to: str  #: numpy, casadi or c
-    states: List[str]  #: names of the numbers of a state
-    inputs: List[str]  #: names of its inputs
-    #: largest relative difference of its results from the core's, at random states; None if not compared
+    path: str  #: path of the file
+    to: str  #: language: numpy, casadi or c
+    states: List[str]  #: names of the components of a state
+    inputs: List[str]  #: names of the inputs
+    #: largest relative difference from the core's results at random states; None if not compared
     difference: Optional[float]
-    unchecked: str  #: why it was not compared
+    unchecked: str  #: why the code was not compared; empty if it was
 
     def headline(self, written: str = "") -> List[Line]:
-        """Its first lines: what was written, and whether it agrees with the model."""
+        """First lines of the report: what was written, and whether it agrees with the model."""
         return [
             ("Exported", "states %s; inputs %s." % (", ".join(self.states), ", ".join(self.inputs))),
             ("Checked", _checked(self.difference, self.unchecked)),
             ("File", self.path),
             (
                 "Next",
-                "use it: its first lines say how"
+                "use it: its first lines explain how"
                 if self.difference is not None
-                else "check it where it can be run",
+                else "check it on a computer that can run it",
             ),
         ]
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Index of each number of a state and of the inputs, indexed by kind and name."""
+        """Table of the positions of states and inputs in their vectors, indexed by kind and name."""
         import pandas
 
         rows = [(kind, *item[::-1]) for kind, names in self._groups() for item in enumerate(names)]
         return pandas.DataFrame(rows, columns=["kind", "name", "index"]).set_index(["kind", "name"])
 
     def to_dict(self) -> Dict[str, object]:
-        """Plain values, as `identify export --json` prints them."""
+        """The result as plain values, as `identify export --json` prints them."""
         return asdict(self)
 
     def _groups(self) -> Iterator[Tuple[str, List[str]]]:
@@ -90,10 +90,10 @@ def target(path: str, to: Optional[str]) -> str:
         return str(found)
     ends = ", ".join("%s as %s" % item for item in SUFFIXES.items())
     raise GroundError(
-        "%s: unknown format; name the file %s, or choose one of %s by --to (to= in Python)"
+        "%s: unknown format; name the file %s, or choose one of %s with --to (to= in Python)"
         % (path, ends, ", ".join(TARGETS))
         if to is None
-        else "a model is not exported to %s; --to (to= in Python) takes one of %s" % (to, ", ".join(TARGETS))
+        else "a model is not exported to %s; --to (to= in Python) needs one of %s" % (to, ", ".join(TARGETS))
     )
 
 

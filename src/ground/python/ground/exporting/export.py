@@ -41,15 +41,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="prediction horizon (chosen for the craft) [s]",
     )
     bag_arguments.add_reading_arguments(group)
-    parser.add_argument("--force", action="store_true", help="overwrite what exists")
+    parser.add_argument("--force", action="store_true", help="overwrite existing files")
 
 
 def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify export; returns what --json prints."""
     if bool(arguments.mcap) == bool(arguments.output):
-        arguments.refuse("a model takes -o FILE, a run takes --mcap FILE")
+        arguments.refuse("a model needs -o FILE, a run needs --mcap FILE")
     if arguments.output and arguments.against:
-        arguments.refuse("%s is for --mcap FILE" % arguments.against[0])
+        arguments.refuse("%s needs --mcap FILE" % arguments.against[0])
     found: Union[written.ExportedModel, "ExportedRun"] = (
         _run(arguments) if arguments.mcap else _model(arguments)
     )
@@ -66,7 +66,7 @@ def _run(arguments: argparse.Namespace) -> "ExportedRun":
     """A run as an MCAP file."""
     runs = list(bag_arguments.reading(arguments, [arguments.source]))
     if len(runs) != 1:
-        raise GroundError("%s has %d runs; export takes one" % (arguments.source, len(runs)))
+        raise GroundError("%s contains %d runs; export needs one" % (arguments.source, len(runs)))
     models = [model for path in arguments.against for model in _models(path)]
     made: ExportedRun = public("to_mcap")(runs[0], arguments.mcap, models, arguments.horizon, arguments.force)
     return made

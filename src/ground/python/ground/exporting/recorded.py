@@ -42,15 +42,15 @@ class ExportedRun(Shown):
     (['/commands', '/log', '/model/accuracy'], ['tiny_whoover'])
     """
 
-    path: str  #: of the file
-    name: str  #: of the run
-    duration: float  #: [s]
+    path: str  #: path of the file
+    name: str  #: name of the run
+    duration: float  #: duration of the run [s]
     models: List[str]  #: labels of the models, in the order of the channels /model and /model2
-    horizon: float  #: how far ahead they predict [s]; 0 without models
-    counts: Dict[str, int]  #: messages by channel, without the scene's
+    horizon: float  #: how far ahead the models predict [s]; 0 without models
+    counts: Dict[str, int]  #: number of messages by channel, without the scene
 
     def headline(self, written: str = "") -> List[Line]:
-        """Its first lines: what was written, and how to look at it."""
+        """First lines of the report: what was written, and how to view it."""
         what = "%s, %.1f s: %d messages on %d channels, and the scene"
         what = what % (self.name, self.duration, sum(self.counts.values()), len(self.counts))
         models = ["/%s is %s" % (topic, label) for topic, label in zip(MODELS, self.models)]
@@ -59,13 +59,13 @@ class ExportedRun(Shown):
         return [("Exported", what), ("Models", told), ("File", self.path), ("Next", how)]
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Messages by channel."""
+        """Table of the number of messages by channel."""
         import pandas
 
         return pandas.DataFrame({"messages": self.counts}).rename_axis("channel")
 
     def to_dict(self) -> Dict[str, object]:
-        """Plain values, as `identify export --json` prints them."""
+        """The result as plain values, as `identify export --json` prints them."""
         names = ("path", "name", "duration", "models", "horizon", "counts")
         return {name: getattr(self, name) for name in names}
 
@@ -88,19 +88,19 @@ def to_mcap(
 ) -> ExportedRun:
     """Writes a run to an MCAP file, for Foxglove and other viewers.
 
-    It has poses as measured, the state, the commands and the room; of each model what it predicts, how far
-    that is off, and the missing force.
+    The file contains the measured poses, the state, the commands and the room; for each model its
+    predictions, their errors, and the missing force.
 
     Parameters
     ----------
     models : iterable of Model or path, optional
-        At most two.
+        Up to two models whose predictions are written.
 
     Raises
     ------
     GroundError
-        When there are more models, a model cannot predict the run, foxglove-sdk is not installed, or the file
-        cannot be written.
+        When there are more than two models, a model cannot predict the run, foxglove-sdk is not installed, or
+        the file cannot be written.
 
     Examples
     --------
@@ -114,10 +114,10 @@ def to_mcap(
     place, given = os.fspath(path), [Model.of(model) for model in models]
     files.refuse_existing(place, force)
     if len(given) > len(MODELS):
-        raise GroundError("an MCAP file has at most %d models, not %d" % (len(MODELS), len(given)))
+        raise GroundError("an MCAP file holds at most %d models, not %d" % (len(MODELS), len(given)))
     found = taken(recording)
     if len(found) != 1:
-        raise GroundError("an MCAP file has one run, not %d" % len(found))
+        raise GroundError("an MCAP file holds one run, not %d" % len(found))
     run = found[0].with_lift_of(given[0].core) if given else found[0]
     labels = distinct_labels([m.label for m in given], [m.path for m in given])
     predicted: "List[Prediction]" = []

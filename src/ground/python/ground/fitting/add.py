@@ -43,13 +43,13 @@ FITTING = "fitting without the effect and with it"  # stage
 @dataclass(frozen=True)
 class Verdict:
     """Whether an effect helps. The error on held-out data must fall by more than chance explains, and its
-    parameters must differ from the values at which it does nothing, several perhaps only together. Where all
-    masses of a craft are fitted, only ratios of forces to masses are identifiable, and no parameter alone."""
+    parameters must differ from the values at which it does nothing, possibly only in combination. Where all
+    masses of a craft are fitted, only ratios of forces to masses are identifiable, no single parameter."""
 
-    helps: bool
+    helps: bool  #: whether the effect helps
     change: float  #: relative change of the held-out error: -0.1 is 10% less
-    ci95: Tuple[float, float]  #: 95% interval of that change, from run to run, or piece to piece of few runs
-    reason: str
+    ci95: Tuple[float, float]  #: 95% interval of that change, from its scatter over runs (or pieces)
+    reason: str  #: why the effect helps or not
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,26 +61,26 @@ class Addition(Shown, Estimated):
     ('yaw_bias', ('yaw_bias',), True)
     """
 
-    effect: str  #: name of the added one
-    model: Model  #: with the effect
+    effect: str  #: name of the added effect
+    model: Model  #: the model with the effect
     parameters: Dict[str, Parameter]  #: parameters of the model with the effect, by name
     parameters_before: Dict[str, Parameter]  #: parameters of the model without it
-    error: Dict[str, Change]  #: by kind of runs: fit, heldout, and holdout where some were given
-    #: without the effect and with it, on held-out data; None: too short
+    error: Dict[str, Change]  #: errors by kind of runs: fit, heldout and, where given, holdout
+    #: errors of predicted poses without the effect and with it, on held-out data; None: too short
     prediction: Optional[PredictionError]
-    noise_floor: float  #: error that pose noise would leave
-    folds: str  #: what was held out
-    window: float  #: length of the windows of the error [s]
+    noise_floor: float  #: error of a true model, from pose noise
+    folds: str  #: which data were held out
+    window: float  #: length of the windows over which errors are taken [s]
     verdict: Verdict  #: whether the effect helps, and why
 
     def to_dict(self) -> Dict[str, object]:
-        """Plain values, as `identify add --json` prints them."""
+        """The result as plain values, as `identify add --json` prints them."""
         names = ("effect", "parameters", "error", "prediction", "noise_floor", "verdict")
         return {name: records.plain(getattr(self, name)) for name in names}
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Parameters, indexed by name: before (NaN without the effect), start, value, std_error, low, high
-        (95%), identified, at_bound, unit."""
+        """Table of the parameters, indexed by name: before (NaN without the effect), start, value, std_error,
+        low, high (95%), identified, at_bound, unit."""
         before = [
             self.parameters_before[name].value if name in self.parameters_before else np.nan
             for name in self.parameters
@@ -94,7 +94,7 @@ class Addition(Shown, Estimated):
         return self.model.save(path, force)
 
     def headline(self, written: str = "") -> List[Line]:
-        """Its first lines: whether the effect helps, by how much, and what to do next."""
+        """First lines of the report: whether the effect helps, by how much, and what to do next."""
         own = [p for name, p in self.parameters.items() if name.split(".")[0] == self.effect]
         values = ", ".join("%s %s" % (p.name.split(".", 1)[1], p.words) for p in own)
         by_name = {p.name.split(".", 1)[1]: p for p in own}
@@ -116,7 +116,7 @@ class Addition(Shown, Estimated):
         ]
 
     def details(self) -> Iterator[str]:
-        """Parameters and errors without the effect and with it."""
+        """Lines of text: parameters and errors without the effect and with it."""
         yield "%-28s %12s %12s   %s" % ("parameter", "without", "with", "95% interval")
         for name, p in self.parameters.items():
             was = self.parameters_before.get(name)
@@ -148,16 +148,16 @@ def add(
     progress: Progress = None,
     options: AddOptions,
 ) -> Addition:
-    """Adds an effect to a model, and says whether it helps.
+    """Adds an effect to a model, and tests whether it helps.
 
-    The models with and without it are fitted to the recordings, and to all but a part of them.
+    The models with and without the effect are fitted to the recordings, and to all but a part of them.
 
     Parameters
     ----------
     model : Model or path
         The model without the effect.
     effect : Effect, str, path or mapping
-        An effect, a name of the library, or a YAML file with one effect or its content.
+        An effect, the name of a library effect, or a YAML file with one effect, or its content.
 
     Returns
     -------
@@ -280,9 +280,9 @@ def _verdict(
         helps, reason = False, "the effect makes predictions of held-out data worse"
     elif tested and tested.change > 0:
         percent = 100 * tested.change
-        helps, reason = False, "the error on the runs given as holdout rises by %.1f%%" % percent
+        helps, reason = False, "the error on the holdout runs rises by %.1f%%" % percent
     else:
-        helps, reason = True, told + "; only together are its parameters identifiable" * contain
+        helps, reason = True, told + "; its parameters are identifiable only in combination" * contain
     return Verdict(helps, change, ci95, reason)
 
 
@@ -291,9 +291,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "effect",
         metavar="EFFECT",
-        help="name of an effect of the library, or a YAML file with one effect as model files have it",
+        help="name of a library effect, or a YAML file with one effect as in a model file",
     )
-    bag_arguments.configure_fit(parser, "model that it is added to", "N.yaml", AddOptions)
+    bag_arguments.configure_fit(parser, "model to which the effect is added", "N.yaml", AddOptions)
     parser.epilog = "effects of the library: " + ", ".join(candidates.effects())
 
 

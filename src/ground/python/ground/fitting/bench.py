@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         default=(0.0, 1.0),
         metavar=("OFF", "FULL"),
-        help="values of the column input that mean 0 and 1, such as microseconds of PWM (0 1)",
+        help="values of the column input that mean 0 and 1, such as PWM microseconds (0 1)",
     )
     parser.add_argument(
         "--unit",

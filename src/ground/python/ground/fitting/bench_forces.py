@@ -52,7 +52,7 @@ def read(paths: Sequence[str], form: BenchFormat) -> Bench:
         return _of_table(paths[0], form)
     others = [path for path in paths if path not in logs]
     if others:
-        raise GroundError("%s: no column of it is a time; give one table, or logs only" % others[0])
+        raise GroundError("%s: no column is a time; give one table, or only logs" % others[0])
     read_logs = [bench_logs.read(path, form) for path in logs]
     pulses = [pulse for log in read_logs for pulse in log.pulses]
     remarks = [

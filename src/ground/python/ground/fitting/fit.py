@@ -32,9 +32,9 @@ RUNS = 20  # most parts that runs are held out in, where each has an error of it
 CLOSED = (
     "%s: the commands depend on the motion before them (closed loop), so the fit mistakes disturbances for "
     "effects of commands, and its intervals may miss the truth; record commands that do not depend on the "
-    "motion, such as a PRBS, alone or on top of the controller's"
+    "motion, such as a PRBS, by itself or on top of the controller's"
 )
-FITTING, ALONE = "fitting", "fitting to each run alone"  # stages
+FITTING, ALONE = "fitting", "fitting to each run separately"  # stages
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class FitOptions(Part):
     prior: priors.Given = option(
         (),
         "prior of parameters: the model's value, with this standard deviation, in its unit "
-        "or as a share such as 20%%; an effect stands for all its parameters; they are free, too",
+        "or as a share such as 20%%; an effect stands for all its parameters; they are also free",
         metavar="NAME=DEVIATION",
         nargs="+",
         type=priors.parse,

@@ -52,11 +52,11 @@ def _deviation(name: str, value: float, given: Union[float, str]) -> float:
         raise GroundError("prior of %s: %s is neither a number nor a share such as 20%%" % (name, given))
     if share and value == 0:
         raise GroundError(
-            "prior of %s: its value is 0, of which %s is 0; give the deviation in its unit" % (name, text)
+            "prior of %s: its value is 0, and so is %s of it; give the deviation in its unit" % (name, text)
         )
     found = abs(value) * number / 100 if share else number
     if not 0 < found < math.inf:
-        raise GroundError("prior of %s: a standard deviation is above 0, not %s" % (name, given))
+        raise GroundError("prior of %s: a standard deviation must be above 0, not %s" % (name, given))
     return found
 
 
@@ -69,13 +69,13 @@ def sentences(before: Known, parameters: Mapping[str, Parameter]) -> Iterator[st
             continue
         mean, deviation = before[name]
         if len(before) * contradiction(p.value - mean, deviation, p.deviation) < LEVEL:
-            contradicted.append("%s (%.3g ± %.2g known, now %.3g)" % (name, mean, deviation, p.value))
+            contradicted.append("%s (prior %.3g ± %.2g, now %.3g)" % (name, mean, deviation, p.value))
         elif p.deviation > TOLD_LITTLE * deviation:
             told_little.append(name)
     if contradicted:
-        yield "the runs contradict what was known of %s" % _listed(contradicted)
+        yield "the runs contradict the prior of %s" % _listed(contradicted)
     if told_little:
-        yield "the runs barely determine %s: as known before" % _listed(told_little)
+        yield "the runs barely determine %s: the prior decides" % _listed(told_little)
 
 
 def contradiction(moved: float, before: float, after: float) -> float:

@@ -34,7 +34,7 @@ MAX_RATIO = 100.0  # ratio to the start value of a parameter at its bound that i
 
 @dataclass(frozen=True)
 class Change:
-    """Errors before and after: of the start values and the fit, or without an effect and with it."""
+    """Errors before and after: of start values and fit, or without an effect and with it."""
 
     before: float
     after: float
@@ -47,8 +47,8 @@ class Change:
 
 @dataclass(frozen=True)
 class ThesisObjective:
-    """(3.4) over the first 4 s of runs, with the start values and with the fit; None for shorter
-    runs."""
+    """The thesis's objective (3.4) over the first 4 s of runs, with the start values and with the fit;
+    None for shorter runs."""
 
     before: Optional[float]
     after: Optional[float]
@@ -60,10 +60,10 @@ class Errors:
 
     before: float  #: error of the start values
     after: float  #: error of the fit
-    #: each run by a fit to the others, each quarter of a single run by a fit to the rest; None where it is
-    #: too short
+    #: error on held-out data: each run by a fit to the others, each quarter of a single run by a fit to
+    #: the rest; None: too short
     heldout: Optional[float]
-    holdout: Optional[Change]  #: on runs given to test on
+    holdout: Optional[Change]  #: errors on the holdout runs; None without such runs
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,9 @@ class RunFit:
     run: str
     parameters: Dict[str, float]  #: estimates by name, in the units of Fit.parameters
     ci95: Dict[str, Tuple[float, float]]  #: their 95% intervals
-    error: float
-    heldout_error: float
-    disagrees_in: List[str]  #: parameters whose estimate differs from the estimate of the other runs
+    error: float  #: error of a fit to this run only
+    heldout_error: float  #: error of a fit to the other runs
+    disagrees_in: List[str]  #: parameters whose estimate differs from the other runs
 
 
 class _Lacking(GroundError, AttributeError):
@@ -104,26 +104,26 @@ class Fit(Shown, Plotted, Estimated):
     True
     """
 
-    model: Model  #: fitted
+    model: Model  #: the fitted model
     parameters: Dict[str, Parameter]  #: the free parameters, by name
-    error: Errors  #: of the start values, of the fit, and held out
-    #: of the models given and fitted, on held-out data; None: too short
+    error: Errors  #: errors of the start values, of the fit, and on held-out data
+    #: errors of poses predicted by the given and the fitted model, on held-out data; None: too short
     prediction: Optional[PredictionError]
-    thesis_objective: ThesisObjective  #: (3.4) of the start values and of the fit
+    thesis_objective: ThesisObjective  #: objective (3.4) of the start values and of the fit
     objective: float  #: the minimised value
-    starts: Dict[str, int]  #: number of starts tried, and that reached this optimum (at_best)
+    starts: Dict[str, int]  #: number of starts tried, and of those that reached this optimum
     condition: float  #: condition number of the scaled information matrix
-    weak: "List[WeakDirection]"  #: combinations of parameters that are known better than their parts
-    converged: bool  #: whether the search came to an end
+    weak: "List[WeakDirection]"  #: combinations of parameters known better than their members
+    converged: bool  #: whether the search has converged
     runs: List[RunFit]  #: fits to each run; empty for a single run
-    same_inputs: List[Tuple[str, str]]  #: runs that were driven by the same commands
+    same_inputs: List[Tuple[str, str]]  #: pairs of runs with the same commands
     remarks: List[str]  #: sentences on what is not identifiable
-    given: Model  #: with the start values
+    given: Model  #: the given model, with the start values
     #: (n, n) correlation of the estimates, in the order of parameters
     correlations: Array = field(compare=False)
-    freedom: float  #: degrees of freedom of Student's t of the intervals
+    freedom: float  #: degrees of freedom of Student's t for the intervals
     data: List[_core.RunData] = field(compare=False)  #: the parts of the runs fitted to
-    #: fits without a part of several runs
+    #: for several runs, fits that leave out some of them; they give the bands of predictions
     parts: "List[FitWithout]" = field(default_factory=list, compare=False)
 
     def predict(
@@ -133,7 +133,7 @@ class Fit(Shown, Plotted, Estimated):
         band: Optional[float] = None,
         **options: Any,
     ) -> "Prediction":
-        """Predicts a recording by the fitted model; see ground.predict.
+        """Predicts a recording with the fitted model; see ground.predict.
 
         A band's shape comes from the differences between fits without each run, its size from their error on
         the run that they leave out.
@@ -141,7 +141,7 @@ class Fit(Shown, Plotted, Estimated):
         Parameters
         ----------
         band : float, optional
-            Share of the samples that a band about the prediction is to hold, such as 0.9.
+            Share of the samples that a band about the prediction should contain, such as 0.9.
         **options
             Options of ground.predict.
 
@@ -154,14 +154,14 @@ class Fit(Shown, Plotted, Estimated):
         return made
 
     def conf_int(self, level: float = 0.95, *, alpha: Optional[float] = None) -> "pandas.DataFrame":
-        """Confidence intervals of the parameters, by Student's t of their coordinates.
+        """Confidence intervals of the parameters, from Student's t of their coordinates.
 
         Parameters
         ----------
         level : float, default 0.95
-            Probability that an interval holds the true value, at least 0.5 and below 1.
+            Probability that an interval contains the true value, at least 0.5 and below 1.
         alpha : float, optional
-            One minus the level, as statsmodels takes it.
+            One minus the level, as in statsmodels.
 
         Returns
         -------
@@ -177,8 +177,8 @@ class Fit(Shown, Plotted, Estimated):
 
         level = level if alpha is None else 1 - alpha
         if not 0.5 <= level < 1:
-            hint = "; conf_int(%g) or conf_int(alpha=%g) has this alpha" % (1 - level, level)
-            text = "a level of confidence is at least 0.5 and below 1, not %g%s"
+            hint = "; for this alpha, conf_int(%g) or conf_int(alpha=%g)" % (1 - level, level)
+            text = "a confidence level must be at least 0.5 and below 1, not %g%s"
             raise GroundError(text % (level, hint if 0 < level < 0.5 else ""))
         factor = student_limit(0.5 - level / 2, self.freedom) / student_limit(0.025, self.freedom)
         known = described(self.model.core)
@@ -193,8 +193,8 @@ class Fit(Shown, Plotted, Estimated):
 
     @property
     def llf(self) -> float:
-        """A fit has no log-likelihood, for it minimises a simulation error; GroundError names what has one, a
-        diagnosis."""
+        """Raises GroundError: a fit minimises a simulation error and has no log-likelihood; a diagnosis has
+        one."""
         raise _Lacking(
             "a fit minimises a simulation error and has no likelihood; a diagnosis fits by likelihood and "
             "has llf, aic and bic: ground.diagnose(fit.model, RECORDINGS)"
@@ -202,17 +202,17 @@ class Fit(Shown, Plotted, Estimated):
 
     @property
     def aic(self) -> float:
-        """A fit has none, as llf."""
+        """Raises GroundError: a fit has no information criterion, as it has no `llf`."""
         return self.llf
 
     @property
     def bic(self) -> float:
-        """A fit has none, as llf."""
+        """Raises GroundError: a fit has no information criterion, as it has no `llf`."""
         return self.llf
 
     @property
     def correlation(self) -> "pandas.DataFrame":
-        """Correlation of the estimates, indexed by the names of parameters."""
+        """Correlation of the estimates, indexed by parameter name."""
         import pandas
 
         names = list(self.parameters)
@@ -245,7 +245,7 @@ class Fit(Shown, Plotted, Estimated):
         return with_units(pandas.concat(frames, ignore_index=True), units)
 
     def to_dict(self) -> Dict[str, object]:
-        """Plain values, as `identify fit --json` prints them."""
+        """The result as plain values, as `identify fit --json` prints them."""
         parameters = {name: records.plain(p) for name, p in self.parameters.items()}
         for values in parameters.values():
             del values["name"]
@@ -256,15 +256,15 @@ class Fit(Shown, Plotted, Estimated):
         return {"parameters": parameters, **{name: records.plain(getattr(self, name)) for name in names}}
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Parameters, indexed by name: start, value, std_error, low, high (95%), identified, at_bound,
-        unit."""
+        """Table of the parameters, indexed by name: start, value, std_error, low, high (95%), identified,
+        at_bound, unit."""
         return parameter_frame(self.parameters)
 
     def to_mat(self, path: Path, force: bool = False) -> None:
         """Writes a file for MATLAB and Octave.
 
-        It has structs `models`, `parameters` and `runs` with what was measured and what the models "start"
-        and "fitted" predict; its text `about` has units and frames.
+        The file contains structs `models`, `parameters` and `runs` with the measured motion and the
+        predictions of the models "start" and "fitted"; its text `about` explains units and frames.
         """
         from ground.reports import matlab
 
@@ -276,7 +276,7 @@ class Fit(Shown, Plotted, Estimated):
         return self.model.save(path, force)
 
     def headline(self, written: str = "") -> List[Line]:
-        """Its first lines: what was fitted, how well it predicts, and what to do next."""
+        """First lines of the report: what was fitted, how well it predicts, and what to do next."""
         from ground.reports import words
 
         prediction = words.prediction(self.prediction, "given", "fitted")
@@ -295,7 +295,7 @@ class Fit(Shown, Plotted, Estimated):
 
     @property
     def runaway(self) -> List[Parameter]:
-        """Parameters that ran to the end of their range far from where the fit began: the model is not one of
+        """Parameters that ran to the end of their range, far from the start values: the model is not one of
         the craft."""
         return [
             p
@@ -307,7 +307,7 @@ class Fit(Shown, Plotted, Estimated):
         from ground.reports import words
 
         if self.given.doubts:
-            return "correct the model that was given, and fit again: %s" % self.given.doubts[0]
+            return "correct the given model, and fit again: %s" % self.given.doubts[0]
         if self.runaway:
             far = ("%s = %.2g %s" % (p.name, p.value, p.unit) for p in self.runaway)
             return (
@@ -320,14 +320,14 @@ class Fit(Shown, Plotted, Estimated):
         if more:
             return more
         if self.prediction is None:
-            return "record longer runs, to see how far predictions are off"
+            return "record longer runs, to measure the prediction error"
         tests = "ground.compare(fit.model, OTHER_RECORDINGS)"
         if written:
             tests = "rosrun ground identify compare OTHER_BAGS --model %s -o compare" % shlex.quote(written)
         return "test the model on runs that it was not fitted to:\n" + tests
 
     def table(self) -> Iterator[str]:
-        """The fitted parameters."""
+        """Lines of text: the fitted parameters."""
         yield "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval")
         for p in self.parameters.values():
             unit = p.unit if p.identified else ""
@@ -335,7 +335,7 @@ class Fit(Shown, Plotted, Estimated):
         yield from self.remarks
 
     def details(self) -> Iterator[str]:
-        """Errors, each run, and how many starts agree."""
+        """Lines of text: errors, each run, and how many starts agree."""
         title = "error over windows of %.3g s" % windows.length(self.data)
         yield "%-50s %8s %8s %9s" % (title, "start", "fitted", "held out")
         for what, values in self._errors():
@@ -343,7 +343,7 @@ class Fit(Shown, Plotted, Estimated):
         if self.data:
             noise = np.max([run.noise for run in self.data], axis=0)
             told = 1e3 * noise[0], np.degrees(noise[2])
-            yield "assumed noise of the poses: up to %.2g mm, %.2g deg" % told
+            yield "assumed pose noise: up to %.2g mm, %.2g deg" % told
         if self.runs:
             yield ""
             yield from _table(list(self.parameters), self.runs)

@@ -55,7 +55,7 @@ def find(folders: Sequence[str], mapping: FieldMapping) -> Tuple[List[Place], Li
                 found.setdefault(os.path.realpath(path), Place(path, given))
     if not found:
         raise GroundError(
-            "%s: no recorded runs are below; tables (CSV, Parquet) need --mapping" % ", ".join(folders)
+            "%s: contains no recorded runs; tables (CSV, Parquet) need --mapping" % ", ".join(folders)
         )
     return sorted(found.values(), key=lambda place: place.path), sorted(diagnoses)
 

@@ -37,7 +37,7 @@ class HistoryOptions(bag_arguments.AsRecorded):
     """How runs are grouped into craft, and what is estimated."""
 
     model: Optional[ModelLike] = option(
-        None, "model of the craft (the one that was recorded with the runs)", metavar="M.yaml"
+        None, "model of the craft (the model recorded with the runs)", metavar="M.yaml"
     )
     craft: Optional[str] = option(
         None,
@@ -50,12 +50,12 @@ class HistoryOptions(bag_arguments.AsRecorded):
     )
     tolerance: float = option(
         0.1,
-        "difference between craft of a type that does not count, as a share of a parameter, or of an "
+        "largest difference between craft of a type that is ignored, as a share of a parameter, or of an "
         "effect's usual size (%(default)g)",
         metavar="SHARE",
         range=(0.0, 10.0),
     )
-    verdicts: bool = option(False, "repeat saved diagnoses that another version made (minutes for each)")
+    verdicts: bool = option(False, "repeat saved diagnoses of other versions (minutes each)")
 
 
 @command_line.takes(HistoryOptions)
@@ -68,20 +68,20 @@ def history(
 ) -> History:
     """Finds what drifts, what jumped between which two runs, and which craft is odd.
 
-    Each run has an estimate of its own, by the likelihood that a diagnosis takes; then all of a type are
-    fitted together: runs within days within crafts. Runs that cannot be used are listed.
+    Each run is estimated on its own, with the likelihood of a diagnosis; then all runs of a type are fitted
+    together: runs within days within craft. Runs that cannot be used are listed.
 
     Parameters
     ----------
     folders : path or iterable of path
         Folders below which the runs are.
     mapping : path or FieldMapping, optional
-        A mapping file, or its content; tables need one.
+        A mapping file, or its content; tables need a mapping.
 
     Raises
     ------
     GroundError
-        When there is no run, no model, or an option does not go with them.
+        When there is no run or no model, or an option does not fit them.
 
     Examples
     --------
@@ -173,7 +173,7 @@ def _types(runs: List[UsedRun], options: HistoryOptions) -> List[Tuple[Model, Li
     without = [run.place.path for run in runs if not run.found.model]
     if without:
         raise GroundError(
-            "%s: no model was recorded with this run (%d of %d have none); --model names their model"
+            "%s: no model was recorded with this run (%d of %d lack one); give it with --model"
             % (without[0], len(without), len(runs))
         )
     parsed: Dict[str, Model] = {}
@@ -203,7 +203,7 @@ def _together(model: Model, usable: Sequence[UsedRun], options: HistoryOptions) 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify history."""
-    parser.add_argument("folders", metavar="FOLDER", nargs="+", help="folder below which runs are")
+    parser.add_argument("folders", metavar="FOLDER", nargs="+", help="folder that contains the runs")
     command_line.add_output(parser, "DIR", "folder for results")
     command_line.add_options(parser, HistoryOptions)
     bag_arguments.add_reading_arguments(parser)
@@ -213,7 +213,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify history; returns what --json prints."""
     if arguments.leave_out:
-        raise OptionError("{0}: a history takes whole runs", "leave_out")
+        raise OptionError("{0}: a history uses whole runs", "leave_out")
     with result_folder.kept_if_used(arguments.output):
         prepare(arguments.output, arguments.force)
         found = history(

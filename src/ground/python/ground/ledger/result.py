@@ -33,11 +33,11 @@ class History(Shown, Plotted):
     True
     """
 
-    contents: HistoryContents  #: everything
+    contents: HistoryContents  #: all contents of history.json
 
     @functools.cached_property
     def report(self) -> Document:
-        """Everything, as history.json has it; docs/schemas/history.schema.json explains the keys."""
+        """All contents of history.json; docs/schemas/history.schema.json explains the keys."""
         return dict(records.plain(self.contents))
 
     @property
@@ -48,18 +48,18 @@ class History(Shown, Plotted):
 
     @property
     def odd(self) -> List[Document]:
-        """Crafts that differ from the others of their type: craft, parameter, value, ci95, others."""
+        """Craft that differ from the others of their type: craft, parameter, value, ci95, others."""
         return list(self.report["odd"])
 
     @property
     def runs(self) -> List[Document]:
-        """Each run in order of time: name, path, recorded, craft, type, and parameters: value, ci95, mean;
-        None for what it does not identify."""
+        """The runs in order of time: name, path, recorded, craft, type, and parameters (value, ci95, mean;
+        None for a parameter that the run does not identify)."""
         return list(self.report["runs"])
 
     @property
     def left_out(self) -> List[Document]:
-        """Files that could not be used: path and why."""
+        """Files that could not be used: path, and why."""
         return list(self.report["left_out"])
 
     @property
@@ -75,23 +75,23 @@ class History(Shown, Plotted):
         return cls(records.read(HistoryContents, document, FILES[1]))
 
     def headline(self, written: str = "") -> List[Line]:
-        """Its first lines: what changed, which craft is odd, and what to do next."""
+        """First lines of the report: what changed, which craft is odd, and what to do next."""
         return words.lines(self.contents, written)
 
     def table(self) -> Iterator[str]:
-        """The crafts as they are now."""
+        """Lines of text: the craft as they are now."""
         return words.crafts(self.contents)
 
     def details(self) -> Iterator[str]:
-        """All changes, and a line for each run."""
+        """Lines of text: all changes, and the runs."""
         return words.evidence(self.contents)
 
     def to_dict(self) -> Dict[str, object]:
-        """Plain values, as history.json has them."""
+        """The result as plain values, as in history.json."""
         return self.report
 
     def to_frame(self) -> "pandas.DataFrame":
-        """A row for each run, indexed by name: recorded, craft, type, length [s], and for each parameter its
+        """Table of the runs, indexed by name: recorded, craft, type, length [s], and for each parameter its
         value, low and high (95%), in its unit."""
         import pandas
 
@@ -110,7 +110,7 @@ class History(Shown, Plotted):
             yield row
 
     def save(self, folder: Path, force: bool = False) -> str:
-        """Writes history.json, runs.csv (a line for each run) and report.html.
+        """Writes history.json, runs.csv (one line per run) and report.html.
 
         Returns
         -------

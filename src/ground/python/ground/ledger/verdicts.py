@@ -76,7 +76,7 @@ def _again(one: SavedVerdict, runs: Dict[str, List[str]], mapping: FieldMapping)
         report = json.load(file)
     model, used = report["model"], report["runs"]
     if not os.path.isfile(model):
-        return _cannot(one, "its model %s is not there" % model)
+        return _cannot(one, "its model %s no longer exists" % model)
     held = [] if report["improved"]["error"]["by"] != "holdout" else used["heldout"]
     missing = [name for name in [*used["fit"], *held] if len(runs.get(name, [])) != 1]
     if missing:

@@ -24,7 +24,7 @@ CAUSES = {  # what usually changes a parameter
     "thrust_asymmetry": "a propeller or motor of one side?",
     "motor_lag": "new motor or speed controller, a delay of the link?",
     "input_delay": "the link, the computer, the firmware?",
-    "com_offset": "the battery's place?",
+    "com_offset": "the battery's position?",
     "marker_offset": "markers moved?",
     "thrust_curve": "new motor, propeller or speed controller?",
 }
@@ -43,7 +43,7 @@ def lines(found: HistoryContents, page: str = "") -> List[Line]:
 def _changed(found: HistoryContents) -> Iterator[str]:
     least = 2 * MIN_RUNS
     if all(craft.runs < least for craft in found.crafts):
-        yield "cannot be decided - that needs %d runs of a craft." % least
+        yield "cannot be decided - a craft needs at least %d runs." % least
     elif not found.changes:
         yield "nothing - the runs of each craft agree within their scatter."
     for one in found.changes[:SHOWN]:
@@ -167,7 +167,7 @@ def _runs(found: HistoryContents) -> str:
         text += "; %d left out (the details say why)" % len(found.left_out)
     guessed = sum(run.time_from == "file" for run in found.runs)
     if guessed:
-        text += "; the time of %d is the file's last change: neither stamps nor names have a date" % guessed
+        text += "; %d are dated by the file's last change: neither stamps nor names contain a date" % guessed
     return text + "."
 
 
@@ -180,7 +180,7 @@ def _verdicts(found: HistoryContents, in_shell: bool) -> Iterator[str]:
             len(changed), len(other), found.version, listed(changed) if changed else "none",
         )  # fmt: skip
     elif other:
-        yield "%d of %d saved diagnoses are of another version than %s; %s repeats them." % (
+        yield "%d of %d saved diagnoses are from a version other than %s; %s repeats them." % (
             len(other), len(found.verdicts), found.version, "--verdicts" if in_shell else "verdicts=True",
         )  # fmt: skip
 
@@ -189,7 +189,7 @@ def _next(found: HistoryContents, in_shell: bool) -> str:
     if found.changes:
         one = found.changes[0]
         since = one.times[1] if one.kind == JUMP else ""
-        return "fit %s anew%s:\n%s" % (
+        return "fit %s again%s:\n%s" % (
             one.craft,
             " to the runs since then" if since else " to its newest runs",
             _command(found, "fit", one, since, in_shell, "%s.yaml" % one.craft),
@@ -201,7 +201,7 @@ def _next(found: HistoryContents, in_shell: bool) -> str:
             "each" if odd.either else "it",
             _command(found, "diagnose", odd, "", in_shell, "diagnosis"),
         )
-    return "keep flying; a repeat fits only new runs."
+    return "keep flying; the next history fits only new runs."
 
 
 def _command(
@@ -267,7 +267,7 @@ def told(value: Optional[LevelValue]) -> str:
 
 def verdict(one: SavedVerdict) -> str:
     """A saved diagnosis, and what this version says."""
-    made = "version %s" % one.version if one.version else "a version that did not say which"
+    made = "version %s" % one.version if one.version else "an unknown version"
     text = "%s: %s (%s), by %s" % (one.folder, one.verdict, listed(one.effects) or "no effect", made)
     now = one.now
     if now is None:

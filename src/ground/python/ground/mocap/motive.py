@@ -171,6 +171,6 @@ class Motive:
         except OSError as error:
             listening.close()
             if server.multicast:
-                raise natnet.PacketError("this computer cannot join the group: %s" % error.strerror)
+                raise natnet.PacketError("this computer cannot join the multicast group: %s" % error.strerror)
             return
         self._data = listening

@@ -122,7 +122,7 @@ class MocapClient:
         if self._follower.offset.jump:
             jump = -self._follower.offset.jump
             self._say(
-                "jump", rospy.logwarn, "its clock was set by %+.3f s beside this computer's" % jump, 1.0
+                "jump", rospy.logwarn, "its clock stepped by %+.3f s relative to this computer's" % jump, 1.0
             )
         names = self._source.names()
         if not frame.tracked and self._body not in names:

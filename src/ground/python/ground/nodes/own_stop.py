@@ -127,7 +127,7 @@ def _went_on(trial: StopTrial, found: Break, control: Break, speed: float) -> St
     end = float(np.median(trial.speeds[(t > -0.1) & (t <= 0)]))
     silence = trial.silence_end - trial.last_packet
     if not control.brakes:
-        why = "neither the silence nor the zeros after it braked it: braking cannot be seen here"
+        why = "neither the silence nor the zeros after it braked the craft: braking cannot be seen here"
         return StopVerdict(UNDECIDED, why, speed=speed)
     if control.time < -1.96 * np.hypot(control.deviation, BLUR):
         why = "it began to brake when the silence ended; try a longer silence"
@@ -138,7 +138,7 @@ def _went_on(trial: StopTrial, found: Break, control: Break, speed: float) -> St
     # If a speed levels off, the slope of its steep begin counts; a gliding craft gains no speed.
     how = "driven on by its thrust"
     if end < speed + min(0.5 * found.slope * silence, MIN_LOSS):
-        how = "gliding, as if its lift was on"
+        how = "gliding, as if its lift were on"
     reason = "it went on for all the %.1f s of silence, %s (%.2f m/s, then %.2f m/s), and braked %.2f s "
     reason += "after the first zero"
     reason %= (silence, how, speed, end, max(0.0, control.time))
@@ -149,7 +149,7 @@ def _unusable(trial: StopTrial) -> str:
     """Why a trial cannot be judged; empty when it can."""
     silence = trial.silence_end - trial.last_packet
     if silence < 0.5:
-        return "the silence lasted for %.2f s only" % silence
+        return "the silence lasted for only %.2f s" % silence
     begin, end = trial.last_packet - BEFORE, trial.silence_end + AFTER
     within = (trial.times >= begin) & (trial.times <= end)
     if not np.all(trial.valid[within]):

@@ -34,7 +34,7 @@ class Push:
 
     thrust: float = option(0.15, "input of both thrusters, 0..1 (0.15)", range=(0.02, 0.5))
     lift: float = option(0.6, "input of the lift fan, 0..1 (0.6)", range=(0.05, 1.0))
-    lift_time: float = option(1.0, "lift alone before the thrust [s] (1)", range=(0.2, 10.0))
+    lift_time: float = option(1.0, "lift only, before the thrust [s] (1)", range=(0.2, 10.0))
     thrust_time: float = option(1.2, "thrust before the silence [s] (1.2)", range=(0.8, 5.0))
     silence: float = option(1.5, "time for which nothing is sent [s] (1.5)", range=(0.5, 2.0))
 

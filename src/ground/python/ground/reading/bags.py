@@ -77,7 +77,7 @@ class Bag(Container):
         if stream.encoding not in streams.ENCODINGS:
             raise GroundError(
                 "%s: messages in the encoding '%s' are not read; mcap cat %s --topics %s --json prints those "
-                "in JSON and protobuf: write their values as a table"
+                "in JSON and protobuf: convert their values to a table"
                 % (stream.topic, stream.encoding, self.path, stream.topic)
             )
         file = definitions.is_given(stream, self._given)
@@ -94,8 +94,8 @@ class Bag(Container):
             raise GroundError(stream.topic + text[2:] % numbers)
         if doubts:
             raise GroundError(
-                "%s: the definition of %s in %s is probably not the one that was used: by it, %s would have "
-                "values that such fields cannot have" % (stream.topic, plain, file, ", ".join(doubts[:3]))
+                "%s: the definition of %s in %s is probably not the one that was used: with it, %s would "
+                "have impossible values" % (stream.topic, plain, file, ", ".join(doubts[:3]))
             )
         return found, lost
 
@@ -155,7 +155,7 @@ def _opened(path: str) -> Source:
     beside = os.path.join(os.path.dirname(path) or ".", recorded_files.METADATA)
     if path.endswith(".db3") and os.path.isfile(path) and not os.path.isfile(beside):
         sound.warnings.append(
-            "there is no %s beside it: the recorder was perhaps killed, and its last messages may be missing"
+            "there is no %s next to it: the recorder was perhaps killed, and its last messages may be missing"
             % recorded_files.METADATA
         )
     return sound

@@ -89,10 +89,10 @@ def read(
     if empty == "off":
         counts = ["%s %d" % (c.name, n) for c, n in zip(channels, missing.sum(axis=0)) if n]
         if counts:
-            notes.append("missing values of commands are off: %s" % ", ".join(counts))
+            notes.append("missing values of commands are read as off: %s" % ", ".join(counts))
         return np.where(missing, 0.0, found), known
     if not given.all():
-        notes.append("commands are the %d of %d rows that have one" % (given.sum(), len(given)))
+        notes.append("%d of %d rows contain a command" % (given.sum(), len(given)))
     for number, channel in enumerate(channels):
         gone = missing[:, number] & given
         if not gone.any():
@@ -102,7 +102,7 @@ def read(
         if held:
             notes.append(
                 "command %s is missing in %d rows and held from the one before (empty: off under commands "
-                "in a mapping takes it for off)" % (channel.name, held)
+                "in a mapping reads it as off)" % (channel.name, held)
             )
     before = given & ~np.isfinite(found).all(axis=1)
     if before.any():

@@ -63,7 +63,7 @@ class Container:
         chosen = (namespace or commands.rpartition("/")[0] or only).strip("/")
         if chosen not in crafts and (namespace or len(crafts) > 1 and not commands):
             names = ", ".join(name or "/" for name in sorted(crafts)) or "none"
-            raise GroundError("%s: name one of its craft by --namespace: %s" % (self.path, names))
+            raise GroundError("%s: choose one of its craft with --namespace: %s" % (self.path, names))
         if crafts.pop(chosen, None):
             self.namespace = chosen
             others = tuple(place for name, place in crafts.items() if name)
@@ -178,7 +178,7 @@ def _absent(columns: Columns, path: str) -> str:
     """Why there is no column of a field, where that is known."""
     same = [name for name in columns if name.startswith(path + "#")]
     if same:
-        return " (%d columns are named so: write %s)" % (len(same), " or ".join(same))
+        return " (%d columns have this name: write %s)" % (len(same), " or ".join(same))
     ends = [name for name in columns if name.endswith("." + path)]
     if len(ends) > 1:
         return " (there are several: write %s)" % " or ".join(ends[:4])
@@ -201,7 +201,7 @@ def no_field(columns: Columns, missing: Sequence[str], where: str) -> GroundErro
     """The error of fields that are missing, with those that are there."""
     named = ", ".join(path + _absent(columns, path) for path in missing)
     there = ", ".join(numbers(columns)) or "none"
-    return GroundError("%s: a message has no field %s; its numbers are %s" % (where, named, there))
+    return GroundError("%s: a message has no field %s; its numeric fields are %s" % (where, named, there))
 
 
 def values(columns: Columns, paths: Sequence[str], where: str) -> Any:
@@ -216,7 +216,7 @@ def values(columns: Columns, paths: Sequence[str], where: str) -> Any:
         texts = [text for text in given if text and isinstance(text, str)] if given.dtype == object else []
         if texts and np.isnan(one).all():
             raise GroundError(
-                "%s: field %s has no numbers, but text such as '%s'" % (where, path, texts[0][:40])
+                "%s: field %s contains no numbers, but text such as '%s'" % (where, path, texts[0][:40])
             )
     return np.column_stack(read) if read else np.empty((0, 0))
 

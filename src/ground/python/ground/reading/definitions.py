@@ -26,7 +26,7 @@ class Definitions:
             found = list(_files(path))
             if not found:
                 raise GroundError(
-                    "%s: there is no .msg file; --types takes such files, or folders of them" % path
+                    "%s: contains no .msg file; --types needs such files, or folders of them" % path
                 )
             for file in found:
                 self._files.setdefault(pathlib.Path(file).stem, []).append(file)
@@ -39,7 +39,7 @@ class Definitions:
         own = [file for file in files if package in pathlib.Path(file).absolute().parts[-3:-1]] or files
         if len({_text(file) for file in own}) > 1:
             raise GroundError(
-                "%s is defined differently by %s: name one of them by --types"
+                "%s is defined differently in %s: choose one of them with --types"
                 % (plain(kind), " and ".join(own))
             )
         return own[0] if own else ""
@@ -66,7 +66,7 @@ def said(error: object) -> str:
 def _files(path: str) -> Iterator[str]:
     if not os.path.isdir(path):
         if not os.path.exists(path):
-            raise GroundError("%s: no such file; --types takes .msg files, or folders of them" % path)
+            raise GroundError("%s: no such file; --types needs .msg files, or folders of them" % path)
         yield from [path] if path.endswith(SUFFIXES) else []
         return
     for folder, inside, names in os.walk(path):
@@ -157,8 +157,8 @@ def _undefined(stream: Stream, name: str, given: Definitions) -> str:
     needed = "" if name == stream.kind else ", which needs %s" % plain(name)
     without = "; %s has no %s.msg" % (", ".join(given.paths), name.rsplit("/", 1)[-1]) if given.paths else ""
     return (
-        "topic %s has messages of type %s%s, whose definition the file does not hold: give its .msg file, "
-        "or a folder with it, by --types, or by types in a mapping%s"
+        "topic %s has messages of type %s%s, whose definition is not in the file: give its .msg file, "
+        "or a folder with it, with --types, or with types in a mapping%s"
     ) % (stream.topic, plain(stream.kind), needed, without)
 
 

@@ -131,11 +131,11 @@ def _note_bodies(head: Head, program: str, unit: str) -> None:
     bodies = list(dict.fromkeys(name.split(".")[0] for name in head.names if ".position." in name))
     if not bodies:
         raise GroundError(
-            "an export of %s without rigid bodies: export the rigid body of the craft, because markers alone "
+            "an export of %s without rigid bodies: export the rigid body of the craft, because markers "
             "have no heading" % program
         )
     head.euler = tuple(b for b in bodies if head.order and b + ".rotation.w" not in head.names)
-    turned = "angles %s in degrees" % head.order if head.euler else "headings by rotations"
+    turned = "angles %s in degrees" % head.order if head.euler else "headings from rotations"
     text = "an export of %s: positions in %s, %s; its bodies are %s"
     head.notes.append(text % (program, unit, turned, ", ".join(bodies)))
 
@@ -147,7 +147,7 @@ def _qualisys(lines: Sequence[str]) -> Head:
     facts = {cells[0].upper(): cells[1:] for cells in rows if len(cells) > 1}
     if facts.get("DATA_INCLUDED", ["6D"])[0] != "6D":
         raise GroundError(
-            "an export of Qualisys with markers (%s): export 6D data, because markers alone have no heading"
+            "an export of Qualisys with markers (%s): export 6D data, because markers have no heading"
             % facts["DATA_INCLUDED"][0]
         )
     ends = [{cell.split(" ")[-1] for cell in cells} for cells in rows]

@@ -149,7 +149,7 @@ def _unwrapped(counts: Indices, notes: List[str]) -> Indices:
     for size in (2**32, 2**16):
         wraps = np.abs(steps + size) <= 5 * usual
         if wraps.any() and (counts < size).all() and 100 * usual < size / 4:
-            notes.append("the clock of %d bits begins again at 0 (%d)" % (np.log2(size), wraps.sum()))
+            notes.append("the clock of %d bits starts again from 0 (%d)" % (np.log2(size), wraps.sum()))
             return np.asarray(counts + size * np.concatenate([[0], np.cumsum(wraps)]), np.int64)
     return counts
 
@@ -169,7 +169,7 @@ def _unpadded(texts: Column, where: str) -> Tuple[Indices, Flags]:
     whole = parts[0].fillna("0").astype(np.int64).to_numpy()
     rest = parts[1].fillna("0").astype(np.int64).to_numpy()
     if not known.any():
-        raise GroundError("%s: no stamp has seconds and nanoseconds with a point between them" % where)
+        raise GroundError("%s: no stamp has the form of seconds, a point and nanoseconds" % where)
     return whole * 10**9 + rest, known
 
 
@@ -220,8 +220,8 @@ def _of_texts(
     if known.any() and bad.mean() > 0.01 * known.mean():
         likely = formats(columns, clock, where)
         raise GroundError(
-            "%s: column %s has no numbers and no times that are known, such as '%s'; write time: {field: %s, "
-            "format: '%s'} with the codes of strptime in the mapping"
+            "%s: column %s contains neither numbers nor times in a known format, such as '%s'; write time: "
+            "{field: %s, format: '%s'} with the codes of strptime in the mapping"
             % (
                 where, clock.field, series[np.argmax(bad)], clock.field,
                 "' or '".join(likely) or "%Y-%m-%d %H:%M:%S.%f",
@@ -281,7 +281,7 @@ def _of_dates(parts: Sequence["pandas.Series"], where: str) -> Indices:
         return np.array(dates, "datetime64[D]").astype(np.int64)
     except ValueError as error:
         raise GroundError(
-            "%s: a date is not known (%s); name the format in the mapping's time" % (where, error)
+            "%s: a date has an unknown format (%s); give the format in the mapping's time" % (where, error)
         )
 
 
@@ -316,7 +316,7 @@ def _check_padding(stamps: Indices, texts: Column, where: str) -> None:
         raise GroundError(
             "%s: stamps go back %d times, the first from %s to %s: seconds and nanoseconds were written one "
             "after the other without leading zeros; stamps: unpadded in the mapping (or --stamps unpadded) "
-            "mends them" % (where, len(back), texts[at], texts[at + 1])
+            "corrects them" % (where, len(back), texts[at], texts[at + 1])
         )
 
 
@@ -347,8 +347,8 @@ def _check_restarts(stamps: Indices, rows: Indices, where: str) -> None:
     ends = [0, *(int(rows[at + 1]) for at in far), int(rows[-1]) + 1]
     parts = ["rows: [%d, %d]" % (a + 1, b) for a, b in zip(ends, ends[1:])]
     raise GroundError(
-        "%s: the clock restarts at row %d, from %.3f to %.3f s: the clock was set, or these are %d runs; "
-        "read one of them by %s in the mapping"
+        "%s: the clock restarts at row %d, from %.3f to %.3f s: the clock stepped, or these are %d runs; "
+        "read one of them with %s in the mapping"
         % (
             where, ends[1] + 1, 1e-9 * stamps[far[0]], 1e-9 * stamps[far[0] + 1], len(parts),
             " or ".join(parts[:4]),

@@ -21,7 +21,7 @@ def unit_of(columns: Columns, paths: Sequence[str], known: Iterable[str], what: 
     unit = found.pop() if len(found) == 1 else ""
     if unit not in known:
         return ""
-    notes.append("%s in %s, as the column %s says" % (what, unit, paths[0]))
+    notes.append("%s in %s, as in the name of column %s" % (what, unit, paths[0]))
     return unit
 
 
@@ -105,6 +105,6 @@ def subtract_origin(rows: Array, notes: List[str]) -> None:
     origin = rows[near][0, :2].copy() if near.any() else middle
     rows[:, :2] -= origin
     notes.append(
-        "positions are far from the origin, as coordinates of maps are: the first pose, x %.3f m, y %.3f m, "
+        "positions are far from the origin, as map coordinates are: the first pose, x %.3f m, y %.3f m, "
         "is subtracted" % tuple(origin)
     )

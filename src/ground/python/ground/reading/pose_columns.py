@@ -146,7 +146,7 @@ def read(
     numbers = np.column_stack([rows_apart.joined(some, times) for some in np.split(numbers, [count], axis=1)])
     untracked = _untracked(numbers[:, :count])
     if untracked.any():
-        notes.append("poses of zeros, far from those beside them, are left out (%d)" % untracked.sum())
+        notes.append("poses of zeros, far from the neighbouring ones, are left out (%d)" % untracked.sum())
         numbers[untracked] = np.nan
     absent = np.isnan(numbers[:, :count]).all(axis=1)
     placed = places.metres(numbers[:, :count], paths[:count], columns, poses, where, notes)
@@ -247,7 +247,7 @@ def _of_body(columns: Columns, path: str, wanted: str, where: str, count: int) -
         raise GroundError("%s: no body is named %s; there are %s" % (where, wanted, ", ".join(known)))
     if len(known) > 1:
         raise GroundError(
-            "%s: it has the poses of several bodies: %s; choose one by --body" % (where, ", ".join(known))
+            "%s: contains the poses of several bodies: %s; choose one with --body" % (where, ", ".join(known))
         )
     return np.ones(count, bool)
 

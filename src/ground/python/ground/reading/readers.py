@@ -48,10 +48,10 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
         source = opened(path)
         said = "".join(note + "; " for note in source.warnings if note.startswith("an export"))
         if any(OWN <= source.table(topic).keys() for topic in source.topics):
-            said += "ground.Recording.from_frame(pandas.read_csv(FILE)) reads a table that ground made; "
+            said += "ground.Recording.from_frame(pandas.read_csv(FILE)) reads a table written by ground; "
         raise GroundError(
             "%s: %swhich columns are times, poses and commands is not known; identify info %s "
-            "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, said, path)
+            "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml applies it" % (path, said, path)
         )
     files = recorded_files.contents(path, mapping)
     if is_table:
@@ -169,7 +169,7 @@ def _without_pose(given: Flags) -> str:
     """How many rows have no pose: some poses are lost, or most rows belong to other messages."""
     if given.mean() > 1 - MANY_LOST:
         return "rows without a pose are left out (%d of %d)" % ((~given).sum(), len(given))
-    return "poses are the %d of %d rows that have one" % (given.sum(), len(given))
+    return "%d of %d rows contain a pose" % (given.sum(), len(given))
 
 
 def _lost(path: str, valid: Flags, raw: Array, settings: run_settings.Settings) -> str:
@@ -197,11 +197,11 @@ def _topics(source: Container, mapping: FieldMapping) -> Tuple[str, List[str]]:
     ):
         if topic and (topic not in info or not info[topic].count):
             raise GroundError(
-                "%s: no messages on %s, which %s names; it has %s"
+                "%s: no messages on %s, which %s names; its topics: %s"
                 % (path, topic, mapping.file or option, there)
             )
         if topic and kind and info[topic].kind != kind:
-            raise GroundError("%s: %s has %s, not %s" % (path, topic, info[topic].kind, kind))
+            raise GroundError("%s: %s contains %s, not %s" % (path, topic, info[topic].kind, kind))
     ranked = commands.ranks(info)
     others = [part.topic for part in parts if part.topic] or list(ranked)
     likely = pose_columns.ranks(info, mapping.poses, others)

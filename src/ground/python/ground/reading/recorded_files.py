@@ -16,7 +16,7 @@ ULOG = b"ULog\x01\x12\x35"  #: the same of logs of PX4
 MAGICS = (ROS1, MCAP, SQLITE, ULOG)
 BAGS = (".mcap", ".db3")  #: of files of ROS 2
 BESIDE = ("-wal", "-journal")  #: what SQLite keeps beside a file that is not closed
-NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
+NO_RECORDING = "not a bag or a ROS 2 bag or a table"
 FOREIGN = {  # files that other programs export as tables
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "the sheet"), ".mat": "its variables",
     **dict.fromkeys((".h5", ".hdf5", ".pkl"), "its data"),
@@ -49,7 +49,7 @@ def files_of(path: str, mapping: FieldMapping) -> Files:
         written = " and ".join("'%s'" % (pattern or "*") for pattern in patterns)
         raise GroundError(
             "%s: the mapping %s names the files %s (poses.file, and commands.file or the channels' file), "
-            "which fit %d times here, but once is needed" % (path, mapping.file, written, len(every))
+            "which match %d times here instead of once" % (path, mapping.file, written, len(every))
         )
     return every[0]
 
@@ -139,7 +139,7 @@ def is_table(path: str) -> bool:
     if is_folder:
         raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
     if os.path.basename(path) == METADATA:
-        raise GroundError("%s: part of a bag of ROS 2: give its folder" % path)
+        raise GroundError("%s: part of a ROS 2 bag: give its folder" % path)
     what = next((what for end, what in FOREIGN.items() if path.lower().endswith(end)), "")
     raise GroundError("%s: %s%s" % (path, NO_RECORDING, "; export %s as CSV" % what if what else ""))
 
@@ -188,7 +188,7 @@ def _inside(folder: str, mapping: FieldMapping) -> List[str]:
     elif not found:
         found = tables(folder)
     if not found:
-        raise GroundError("%s: there is no bag or bag of ROS 2 or table in this folder" % folder)
+        raise GroundError("%s: this folder contains no bag, ROS 2 bag or table" % folder)
     return sorted(found)
 
 

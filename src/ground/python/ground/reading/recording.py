@@ -59,7 +59,7 @@ PREDICTED, RESIDUAL, LOW, HIGH = "_predicted", "_residual", "_low", "_high"  # e
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Plotted):
-    """One run as it was recorded, on the clock of its header stamps.
+    """One recorded run, on the clock of its header stamps.
 
     >>> times = np.arange(0, 5, 0.01)  # [s]
     >>> poses = np.column_stack([0.1 * times, 0 * times, 0 * times])  # it goes north
@@ -74,34 +74,34 @@ class Recording(Plotted):
     <Recording north 2: 4.99 s, 500 poses, 500 commands>
     """
 
-    name: str  #: by which tables and files call it
-    pose_times: Array  #: (n,) [s], in the order of arrival
-    eta: Array  #: (n, 3) x, y [m], psi [rad], world_ned
-    control_times: Array  #: (m,) [s]
+    name: str  #: name of the run in tables and files
+    pose_times: Array  #: (n,) times of the poses [s], in the order of arrival
+    eta: Array  #: (n, 3) measured poses: x, y [m], psi [rad], world_ned
+    control_times: Array  #: (m,) times of the commands [s]
     controls: Array  #: (m, c) commands by `channels`, 0..1, reversible ones -1..1
-    source: str  #: topics that it was read from
-    clock_offset: float = 0.0  #: to add to the stamps of the poses for the clock of the commands [s]
-    warnings: List[str] = field(default_factory=list)  #: what is odd in it
+    source: str  #: topics from which the run was read
+    clock_offset: float = 0.0  #: added to the poses' stamps to give the commands' clock [s]
+    warnings: List[str] = field(default_factory=list)  #: anomalies found while reading, in sentences
     #: (k, 2) [s], a row for each drive that the sender recorded (ground_msgs/Drive): when it began, and
     #: the stamp of the last message about it
     drives: Array = field(default_factory=lambda: np.empty((0, 2)))
     settings: Settings = field(default_factory=Settings)  #: settings of the mocap
-    flown_by: Dict[str, str] = field(default_factory=dict)  #: run_settings.flown_by
-    files: Dict[str, RunFile] = field(default_factory=dict)  #: by `model`, `room`, `truth`, if recorded
-    changes: List[LiveChange] = field(default_factory=list)  #: changes during the run
-    path: str = ""  #: path of the bag that it was read from
-    namespace: str = ""  #: of its topics
+    flown_by: Dict[str, str] = field(default_factory=dict)  #: see run_settings.flown_by
+    files: Dict[str, RunFile] = field(default_factory=dict)  #: recorded files: `model`, `room`, `truth`
+    changes: List[LiveChange] = field(default_factory=list)  #: parameters changed during the run
+    path: str = ""  #: path of the bag from which the run was read
+    namespace: str = ""  #: namespace of the topics
     channels: Tuple[str, ...] = CHANNELS  #: names of the commands
-    lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
-    noise: Optional[Tuple[float, float]] = None  #: given, of positions [m] and headings [rad]
-    frame_rate: Optional[float] = None  #: given, of the mocap's camera [Hz]
-    inertial: "Optional[InertialSamples]" = None  #: of the craft's gyro and accelerometer, if recorded
-    payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
-    voltage: "Optional[Voltage]" = None  #: of the craft's battery, if recorded
-    digest: str = ""  #: of the content of the files that it was read from; empty: none
+    lift_channel: str = LIFT  #: channel of the lift fan; `channels` need not contain it
+    noise: Optional[Tuple[float, float]] = None  #: given noise of positions [m] and headings [rad]
+    frame_rate: Optional[float] = None  #: given frame rate of the mocap's camera [Hz]
+    inertial: "Optional[InertialSamples]" = None  #: gyro and accelerometer, if recorded
+    payload: _core.Payload = field(default_factory=_core.Payload)  #: load that the craft carried
+    voltage: "Optional[Voltage]" = None  #: voltage of the craft's battery, if recorded
+    digest: str = ""  #: digest of the files' contents; empty: not read from files
     #: text of the mapping that was drafted to read it; empty: none was drafted
     mapping: str = ""
-    #: low-pass of the mocap, as all runs of one call say together; empty: as this run says
+    #: low-pass of the mocap that all runs of one call decided together; empty: this run decides
     decided: "Tuple[Optional[LowPass], ...]" = ()
     known: Dict[str, Any] = field(default_factory=dict, init=False)  #: results of `once`, no part of the run
 
@@ -126,19 +126,19 @@ class Recording(Plotted):
         poses : array (n, 3)
             x, y [m], psi [rad], world_ned.
         commands : array (m, c)
-            Commands by channel, 0 to 1; of a thruster with another name than left or right, -1 to 1. Each is
-            held until the next.
+            Commands by channel, 0 to 1; for thrusters with names other than left and right, -1 to 1. Each
+            command is held until the next.
         command_times : array (m,), optional
             Times of the commands on the same clock [s]; by default the times of the poses.
         channels : sequence of str, default ('left', 'right', 'lift')
-            Names as the model has them, the lift's name last.
+            Names of the channels as in the model, the lift last.
         name : str, default 'recording'
             Name of the run.
 
         Raises
         ------
         GroundError
-            Says which array is wrong.
+            When an array is wrong; the message names it.
         """
         found = Recording._made(times, poses, commands, command_times, channels, name, channels[-1])
         return replace(found, lift_channel=channels[-1])
@@ -159,7 +159,7 @@ class Recording(Plotted):
         _check_step(name, rows[:, 0])
         sent = _rows("commands", stamps, commands, channels)
         if len(rows) > 1 and np.isfinite(rows).all() and units.in_degrees(rows[:, 0], rows[:, 3]):
-            raise GroundError("%s: headings seem to be in degrees: numpy.deg2rad makes them radians" % name)
+            raise GroundError("%s: headings seem to be in degrees: numpy.deg2rad gives radians" % name)
         ranges = {one: RANGE if one in CHANNELS else (-1.0, 1.0) for one in channels if one != lift}
         for one, values in zip(channels, sent[:, 1:].T):
             low, high = ranges.get(one, RANGE)
@@ -177,9 +177,8 @@ class Recording(Plotted):
         Parameters
         ----------
         frame : DataFrame
-            A row for each pose: columns t (seconds, or pandas's times), x, y, psi, and a column for each
-            channel by its name in the model. Rows without a command (NaN) have none. Velocities are
-            smoothed from the poses.
+            One row per pose: columns t (seconds, or pandas's times), x, y, psi, and one per channel, by its
+            name in the model. Rows without a command (NaN) have none. Velocities are smoothed from the poses.
         name : str, default 'recording'
             Name of the run.
         channels : sequence of str, optional
@@ -224,31 +223,31 @@ class Recording(Plotted):
     def with_payload(
         self, mass: float, place: Tuple[float, float] = (0.0, 0.0), inertia: float = 0.0
     ) -> "Recording":
-        """The same run of a craft that carried a load.
+        """A copy of the run, of a craft that carried a load.
 
         Parameters
         ----------
         mass : float
             Mass of the load [kg].
         place : (float, float), default (0.0, 0.0)
-            Its centre of mass, forward and to starboard [m].
+            Position of the load's centre of mass, forward and to starboard [m].
         inertia : float, default 0.0
-            Inertia about that centre [kg m^2].
+            Inertia of the load about its centre of mass [kg m^2].
         """
         return replace(self, payload=_core.Payload(mass, place, inertia))
 
     def without(self, *spans: Tuple[float, float]) -> "Recording":
-        """The same run without the poses in some spans: gaps, across which no prediction goes.
+        """A copy of the run without the poses in some spans. No prediction crosses these gaps.
 
         Parameters
         ----------
         *spans : (float, float)
-            Start and end on the run's clock [s].
+            Start and end of each span on the run's clock [s].
 
         Raises
         ------
         GroundError
-            When too few poses are left.
+            When too few poses remain.
         """
         from ground.poses import repair
 
@@ -256,27 +255,27 @@ class Recording(Plotted):
         times = repair.on_commands_clock(self.pose_times, self.clock_offset) - zero
         keep = np.all([(times < start) | (times > end) for start, end in spans], axis=0) | (not spans)
         if keep.sum() < repair.MIN_POSES:
-            raise GroundError("%s: only %d poses are left" % (self.name, keep.sum()))
+            raise GroundError("%s: only %d poses remain" % (self.name, keep.sum()))
         return replace(self, pose_times=self.pose_times[keep], eta=self.eta[keep], digest="")
 
     def within(self, start: float, end: float) -> "Recording":
-        """The same run with the poses in one span."""
+        """A copy of the run with only the poses in one span."""
         return self.without((-np.inf, start), (end, np.inf))
 
     def rename(self, name: str) -> "Recording":
-        """The same run under another name.
+        """A copy of the run under another name.
 
         Parameters
         ----------
         name : str
-            The name by which tables and files call it.
+            New name of the run in tables and files.
         """
         return replace(self, name=name)
 
     @functools.cached_property
     def identity(self) -> str:
-        """What identifies the run, whatever its name and place: a digest of the files that it was
-        read from, or of the numbers of a recording in memory."""
+        """Identifies the run whatever its name and path: a digest of the files from which it was read,
+        or of the numbers of a recording in memory."""
         if self.digest:
             return self.digest
         arrays = [self.pose_times, self.eta, self.control_times, self.controls]
@@ -288,8 +287,8 @@ class Recording(Plotted):
 
     @functools.cached_property
     def motion(self) -> "repair.Motion":
-        """The repaired poses, and velocities; as before a low-pass of the mocap. GroundError when too little
-        of them is left."""
+        """The repaired poses, and velocities; a low-pass of the mocap is undone. GroundError when too few
+        poses remain."""
         if "motion" in self.known:
             return cast("repair.Motion", self.known["motion"])
         if self.decided:
@@ -318,12 +317,12 @@ class Recording(Plotted):
 
     @property
     def duration(self) -> float:
-        """From the first pose to the last one [s]."""
+        """Time from the first pose to the last one [s]."""
         return float(np.ptp(self.pose_times))
 
     @property
     def bag(self) -> str:
-        """Name of its bag's file, or its own name."""
+        """Name of the bag's file; without a bag, the name of the run."""
         return os.path.basename(self.path) or self.name
 
     @property
@@ -385,16 +384,16 @@ class Recording(Plotted):
     def to_frame(
         self, raw: bool = False, model: "Union[Model, Path, None]" = None, horizon: Optional[float] = None
     ) -> "pandas.DataFrame":
-        """The motion, and the commands held at its times, as a table.
+        """The motion, and the commands in force at its times, as a table.
 
         Parameters
         ----------
         raw : bool, default False
-            Poses as they were measured, in order of time and without velocities, instead of the repaired
-            motion. Both are on the clock of the commands.
+            Whether to give the measured poses, in order of time and without velocities, instead of the
+            repaired motion. Both are on the clock of the commands.
         model : Model or path, optional
             Adds columns NAME_predicted and NAME_residual (measured minus predicted) of `predict`; NaN where
-            it predicts nothing.
+            there is no prediction.
 
         Returns
         -------
@@ -441,9 +440,9 @@ class Recording(Plotted):
         Parameters
         ----------
         raw : bool, default False
-            Poses as they were measured.
+            Whether to give the measured poses.
         model : Model or path, optional
-            Adds what it predicts, as in `to_frame`.
+            Adds the model's predictions, as in `to_frame`.
 
         Raises
         ------
@@ -538,12 +537,12 @@ def checked(
         if times.max() == times.min():
             raise GroundError(
                 "%s: all %s have the same stamp, %.3f s: their headers were not filled in; time: "
-                "receipt in a mapping takes the recorder's clock" % (path, what, times[0])
+                "receipt in a mapping uses the recorder's clock" % (path, what, times[0])
             )
         back = np.diff(times)
         if back.min() < -JUMP_BACK:
             raise GroundError(
-                "%s: the stamps of the %s jump back by %.2f s at number %d: the clock was set, or "
+                "%s: the stamps of the %s jump back by %.2f s at number %d: the clock stepped, or "
                 "these are two runs" % (path, what, -back.min(), np.argmin(back) + 2)
             )
     every = controls[:, 1:].copy()
@@ -593,7 +592,7 @@ def _limit(
         % (
             path, *limits, every.min(), every.max(),
             ", which looks like %s" % unit if unit in ("percent", "microseconds") else "",
-            "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at -1 has "
+            "; a reversible thruster needs range: [-1, 1], a one-way thruster that is off at -1 needs "
             "off: -1, full: 1" if -1 <= low < 0 else "",
         )
     )  # fmt: skip

@@ -123,7 +123,7 @@ def settings_of(
             sources[name] = option
         else:
             has = "planar poses" if taken else "states, corrected when it was recorded"
-            warnings.append("%s changes nothing: the bag has %s" % (option, has))
+            warnings.append("%s changes nothing: the bag contains %s" % (option, has))
     kept: List[Setting] = []
     for s in changes:  # every part of a split recording repeats the last one
         if not kept or (s.axes, s.heading_offset) != (kept[-1].axes, kept[-1].heading_offset):
@@ -136,7 +136,7 @@ def _in_bag(bag: Container, warnings: List[str]) -> List[Setting]:
     kind = "ground_msgs/MocapSettings"
     topics = bag.of_kind(kind)
     if not topics and any(topic.kind == kind for topic in bag.topics.values()):
-        warnings.append("the settings of the mocap that were recorded in the bag are lost")
+        warnings.append("the mocap settings recorded in the bag are lost")
     if len(topics) > 1:
         raise GroundError(
             "%s: several topics could be the settings of the mocap: %s" % (bag.path, ", ".join(topics))

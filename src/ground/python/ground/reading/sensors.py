@@ -124,7 +124,7 @@ class SensorReader:
         if topic and (topic not in there or (given.type and there[topic] != given.type)):
             has = ", ".join("%s (%s)" % item for item in sorted(there.items())) or "no messages at all"
             raise GroundError(
-                "%s: there are no %s on %s, which %s names under %s; it has %s"
+                "%s: there are no %s on %s, which %s names under %s; its topics: %s"
                 % (source.path, given.type or "messages", topic, file, section, has)
             )
         if topic:
@@ -135,7 +135,7 @@ class SensorReader:
         only = [topics[0] for topics in map(source.of_kind, FIELDS[section]) if len(topics) == 1]
         if field and not only:
             raise GroundError(
-                "%s: neither the poses nor the commands have a field %s, which %s names as %s; "
+                "%s: neither the poses nor the commands contain a field %s, which %s names as %s; "
                 "name its topic or file" % (source.path, field, file, KEYS[section])
             )
         return only[0] if only else ""

@@ -80,7 +80,7 @@ def _head(lines: Sequence[str]) -> Head:
     if lines[filled[0]].startswith("version https://git-lfs"):
         raise GroundError("it is a Git LFS pointer: git lfs pull fetches the file")
     if not any(cells.is_number(cell) for line in sample for one in SEPARATORS for cell in _split(line, one)):
-        raise GroundError("no row has numbers: nothing in it has poses or numbers that could be commands")
+        raise GroundError("no row contains numbers that could be poses or commands")
     if share <= 0:
         raise GroundError(
             "its lines are not rows of two values or more between commas, semicolons, tabs, bars or blanks; "
@@ -212,7 +212,7 @@ def _without_names(head: Head, lines: Sequence[str], width: int) -> None:
         try:
             turns = np.array([[float(cell) for cell in row[4:]] for row in rows])
             if (np.abs((turns**2).sum(axis=1) - 1) < 0.01).all():
-                head.names, what = list(TUM), "as of a trajectory of TUM they are " + ", ".join(TUM)
+                head.names, what = list(TUM), "as in a TUM trajectory, they are " + ", ".join(TUM)
         except ValueError:
             pass
     head.notes.append("no row names the columns: " + what)
@@ -227,7 +227,7 @@ def _rows(lines: Sequence[str], head: Head, notes: List[str]) -> Tuple[List[str]
         rows = [_quoted_lists(line) for line in rows]
     again = rows.count(repeated)
     if again and repeated:
-        notes.append("repeated column names are left out (%d lines)" % again)
+        notes.append("repeated header lines are left out (%d)" % again)
         rows = [line for line in rows if line != repeated]
     if not rows:
         raise GroundError("the table has no rows")
@@ -242,7 +242,7 @@ def _rows(lines: Sequence[str], head: Head, notes: List[str]) -> Tuple[List[str]
     wrong = np.flatnonzero(~keep[: len(keep) - bool(short[-1])])
     if len(wrong):
         notes.append(
-            "lines that do not have the %d cells of the others are left out (%d, the first is '%s')"
+            "lines without the %d cells of the others are left out (%d, the first is '%s')"
             % (usual, len(wrong), rows[wrong[0]].strip()[:40])
         )
     kept = [line for line, good in zip(rows, keep) if good]
@@ -286,7 +286,7 @@ def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> T
     empty = frame.isna().all().tolist()
     named = len(head.names) - next((i for i, n in enumerate(reversed(head.names)) if n), 0)
     if not all(empty[named:]) and not head.is_export:
-        raise GroundError("its rows have more values than its first line names columns")
+        raise GroundError("its rows contain more values than its first line has column names")
     names = _distinct(_grouped(head.names, empty), frame, notes)
     of_name = {name: at for at, name in enumerate(names) if name and not empty[at]}
     frame = frame[list(of_name.values())]
@@ -321,7 +321,7 @@ def _pivoted(frame: "pandas.DataFrame", notes: List[str]) -> "Optional[pandas.Da
         return None
     (time,) = set(frame.columns) - {texts[0], values[0]}
     notes.append(
-        "a row for each value: %s names the signals, and %s has their values; one time makes one row"
+        "each row holds one value: %s names the signal, %s holds its value; rows of the same time are joined"
         % (texts[0], values[0])
     )
     wide = frame.pivot_table(index=time, columns=texts[0], values=values[0], aggfunc="first")
@@ -377,4 +377,4 @@ def _add_times(table: Table, head: Head) -> None:
     if head.rate and frames and not timed:
         frame["time"] = frame[frames[0]] / head.rate
         table.units["time"] = "s"
-        table.notes.append("times are numbers of frames at the %g Hz that the file says" % head.rate)
+        table.notes.append("times are frame numbers at the %g Hz that the file states" % head.rate)

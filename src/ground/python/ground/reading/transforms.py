@@ -34,7 +34,7 @@ def of_body(source: Container, topic: str, columns: Columns, body: str, notes: L
         rows = (names == parent) & moving if kind.body in columns else slice(None)
         return _moved({name: column[rows] for name, column in columns.items()}, kind, body, pose)
     if known and not body:
-        notes.append("--body also takes the poses of frames that static transforms fix: " + known)
+        notes.append("--body also accepts frames that are fixed by static transforms: " + known)
     elif known and body not in {*names, *topic.split("/")}:
         there = ", ".join([*measured, known])
         raise GroundError("%s: %s: no body is named %s; there are %s" % (source.path, topic, body, there))

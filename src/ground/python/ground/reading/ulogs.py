@@ -30,7 +30,7 @@ class Ulog(Container):
         try:
             log = pyulog.ULog(path)
         except Exception as error:  # pyulog raises errors of any kind on damaged files
-            raise GroundError("%s: cannot be read as a log of PX4 (%s)" % (path, error))
+            raise GroundError("%s: cannot be read as a PX4 log (%s)" % (path, error))
         self._tables = {
             one.name + ("_%d" % one.multi_id if one.multi_id else ""): one.data for one in log.data_list
         }
@@ -42,7 +42,7 @@ class Ulog(Container):
                 "the log lost messages %d times, for %.2g s" % (len(log.dropouts), lost / 1e3)
             )
         if log.file_corruption:
-            self.warnings.append("the log is damaged: read as far as it is whole")
+            self.warnings.append("the log is damaged: only its intact beginning is read")
 
     def table(self, topic: str) -> Columns:
         """See Container."""

@@ -123,13 +123,13 @@ EFFECTS: Dict[str, Words] = {
     "thrust_curve": _clauses(
         Clause("p", "at half of the full input the thrust is {} [smaller|larger]", "%", _halfway, 1)
     ),
-    "reverse_loss": _clauses(Clause("a", "the thrust backward is {} [smaller|larger]", "%")),
+    "reverse_loss": _clauses(Clause("a", "the reverse thrust is {} [smaller|larger]", "%")),
     "propeller_loss": _clauses(
         Clause("b", "at full revolutions the thrust [falls|rises] by {} per m/s ahead", "%"),
     ),
     "thrust_speed_loss": _clauses(Clause("c", "the thrust [falls|rises] by {} per m/s along it", "%")),
     "thrust_sway_moment": _clauses(
-        Clause("c", "1 N of thrust and 1 m/s to the right turn the craft to the [right|left] with {}", "N m")
+        Clause("c", "1 N of thrust at 1 m/s to the right turns the craft to the [right|left] with {}", "N m")
     ),
     "differential_side_force": _clauses(
         Clause(
@@ -141,7 +141,7 @@ EFFECTS: Dict[str, Words] = {
     ),
     "battery_sag": _clauses(Clause("tau", "the thrust falls to 37% within {} of a drive", neutral=math.inf)),
     "battery_voltage": _clauses(
-        Clause("p", "a voltage that is 10% lower gives {} less thrust", "%", lambda p: 1 - math.pow(0.9, p))
+        Clause("p", "a 10% lower voltage gives {} less thrust", "%", lambda p: 1 - math.pow(0.9, p))
     ),
     "supply_sag": _clauses(
         Clause("part", "full load takes {} of every input, with a time constant of {time}", "%")
@@ -154,7 +154,7 @@ EFFECTS: Dict[str, Words] = {
     ),
     "motor_lag": _clauses(Clause("tau", "the thrust completes 63% of a change within {}")),
     "motor_rise_fall": _clauses(
-        "the thrust makes 63% ",
+        "the thrust completes 63% ",
         Clause("rise", "of a rise within {}"),
         Clause("fall", "of a fall within {}"),
     ),
@@ -166,10 +166,10 @@ EFFECTS: Dict[str, Words] = {
     ),
     "input_delay": _clauses(Clause("delay", "the thrust follows its command by {}")),
     "angle_lag": _clauses(Clause("tau", "THRUSTER completes 63% of a turn within {}")),
-    "angle_rate": _clauses(Clause("rate", "THRUSTER turns at {} at most", "deg/s", neutral=math.inf)),
+    "angle_rate": _clauses(Clause("rate", "THRUSTER turns at most at {}", "deg/s", neutral=math.inf)),
     "angle_gain": _clauses(Clause("a", "THRUSTER turns {} [farther|less far] than commanded", "%")),
     "angle_offset": _clauses(
-        Clause("angle", "the angle of THRUSTER is {} [above|below] the commanded one", "deg")
+        Clause("angle", "the angle of THRUSTER is {} [above|below] the commanded angle", "deg")
     ),
     "dead_band": _clauses(Clause("width", "THRUSTER does not act on inputs of up to {}")),
     "foil_gain": _clauses(Clause("a", "the force of THRUSTER is {} [larger|smaller] than in the model", "%")),
@@ -316,7 +316,7 @@ def _vector(words: Vector, estimates: Mapping[str, Estimate]) -> str:
     across = math.hypot(y * (first.high - first.low), x * (second.high - second.low)) / size / 2
     either_way = math.degrees(across / size)
     if not either_way < 90:
-        return told + " in a direction that these runs do not show"
+        return told + " in a direction that these runs do not determine"
     angle = round(math.degrees(math.atan2(y, x))) or 0  # no "-0"
     return "%s towards %d deg (95%%: %s deg either way; 0: the room's x, 90: its y)" % (
         told, angle, two_digits(either_way),

@@ -197,7 +197,7 @@ def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str
     if bands is not None:
         caption += (
             " Shaded: %.0f%% prediction band of a fit without this run. It restarts every %g s "
-            "from the poses so far; it includes random wrench and noise." % (100 * bands_of.PART, bands.unit)
+            "from the poses so far; it includes disturbance and noise." % (100 * bands_of.PART, bands.unit)
         )
     return caption
 

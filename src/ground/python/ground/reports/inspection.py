@@ -101,7 +101,7 @@ def missing_in(study: Inspection) -> str:
 
 def _left_out(events: Sequence[missing_wrench.Disturbed]) -> str:
     spans = ", ".join("%.1f to %.1f" % (e.start, e.end) for e in events)
-    why = "left out of what follows, because no input explains the motion (contact, hand, wrong poses): %s s"
+    why = "left out below, because no input explains the motion (contact, hand, wrong poses): %s s"
     return why % spans if spans else ""
 
 

@@ -77,7 +77,8 @@ def parameters(rows: Sequence[Estimates], units: Mapping[str, str]) -> Plotly:
         title = "%s [%s]" % (name, unit) if unit else name
         figure.update_xaxes(title=title, nticks=4, row=1, col=col)
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")
-    return figure.finish(160 + 28 * len(rows), "Estimates and their 95% intervals: each run alone, and all.")
+    caption = "Estimates and their 95% intervals: each run by itself, and all together."
+    return figure.finish(160 + 28 * len(rows), caption)
 
 
 def correlation(names: List[str], values: Array) -> Plotly:

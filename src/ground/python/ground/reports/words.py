@@ -86,14 +86,14 @@ def is_pushed(found: PredictionError) -> bool:
 
 
 def more_acts(found: Optional[PredictionError], name: str, finds: str) -> str:
-    """What to do if a model's predicted poses are off by clearly more than the noise floor, else nothing. finds:
-    the command that finds what is missing."""
+    """What to do if the errors of predicted poses clearly exceed the noise floor, else nothing. finds: the
+    command that finds what is missing."""
     ratio = times_the_mocap(found, name)
     if not ratio > MORE_ACTS:
         return ""
     return (
-        "prediction errors are %s times the noise floor: an effect is missing, or a random force "
-        "acts. This says which:\n%s" % (two_digits(ratio), finds)
+        "prediction errors are %s times the noise floor: an effect is missing, or a random "
+        "disturbance acts. To find out which:\n%s" % (two_digits(ratio), finds)
     )
 
 

@@ -24,7 +24,7 @@ FOLDERS: Dict[str, Callable[[str], Any]] = {
 
 
 def load(path: Path) -> Any:
-    """Loads what the package wrote into a file or folder.
+    """Loads a result, model, room or recording from a file or folder.
 
     Numbers, sentences and models of a loaded result equal the saved ones. A loaded diagnosis or
     comparison has no recordings: it cannot draw runs or be saved again.
@@ -38,12 +38,12 @@ def load(path: Path) -> Any:
     Returns
     -------
     Diagnosis, Comparison, Discovery, History, Model, Room, Tracking or Recording
-        What is there. `fitted` of a Model says how it was fitted.
+        The loaded object. `fitted` of a Model tells how it was fitted.
 
     Raises
     ------
     GroundError
-        When it is none of these.
+        When the path is none of these.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def load(path: Path) -> Any:
         return _of_json(place)
     found = read(place)
     if len(found) > 1:
-        raise GroundError("%s: it has %d recordings; ground.read gives all" % (place, len(found)))
+        raise GroundError("%s: contains %d recordings; ground.read returns all of them" % (place, len(found)))
     return found[0]
 
 
@@ -88,7 +88,7 @@ def _of_json(path: str) -> Any:
         with open(path) as file:
             schema = json.load(file).get("schema")
     except (OSError, ValueError, AttributeError) as error:
-        raise GroundError("%s: not the file of a result (%s)" % (path, error))
+        raise GroundError("%s: not a result file (%s)" % (path, error))
     if schema != TRACKING:
-        raise GroundError("%s: not the file of a result; load its folder" % path)
+        raise GroundError("%s: not a result file; load its folder" % path)
     return Tracking.load(path)

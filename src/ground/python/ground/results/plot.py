@@ -32,7 +32,7 @@ Makers = Dict[str, Callable[[], Any]]  # documents of plotly
 
 
 class Figures(Described, Mapping[str, Any]):
-    """Figures of plotly by name. Each is drawn when it is asked for; a notebook shows all.
+    """Plotly figures by name. Each is drawn on first access; a notebook shows all.
 
     >>> drawn = ground.compare(model_file, bag).plot()
     >>> list(drawn)
@@ -60,7 +60,7 @@ class Figures(Described, Mapping[str, Any]):
         return len(self._makers)
 
     def show(self) -> None:
-        """Shows each in the browser."""
+        """Shows all figures in the browser."""
         for name in self:
             self[name].show()
 
@@ -86,19 +86,19 @@ def plot(result: Any, name: str = "") -> Any:
     Parameters
     ----------
     result : Recording, Prediction, Fit, Comparison, Diagnosis, Tracking, Discovery or History
-        What is drawn.
+        The object to draw.
     name : str, optional
         Name of one figure; "motion" is enough for a single run.
 
     Returns
     -------
     plotly.graph_objects.Figure or Figures
-        The figure of that name, or the only one; else all. A figure's layout.meta says what it shows.
+        The figure of that name, or the only one; otherwise all. layout.meta of a figure is its caption.
 
     Raises
     ------
     GroundError
-        When there is none of that name.
+        When there is no figure of that name.
 
     Examples
     --------

@@ -21,7 +21,7 @@ def choice(kind: object, gains: Union[None, Gains] = None) -> _core.ControllerCh
     """The _core.ControllerChoice of a kind with gains by name or in a file; default ones for the rest.
     GroundError on unknown names."""
     if kind not in CONTROLLERS:
-        text = "controller: %r is not one of %s; ground.track takes a function, too"
+        text = "controller: %r is not one of %s; ground.track also takes a function"
         raise GroundError(text % (kind, ", ".join(CONTROLLERS)))
     made = _core.ControllerChoice()
     made.kind = str(kind)

@@ -77,8 +77,9 @@ class Acting:
 
     disturbance: Disturbance = option(
         False,
-        "apply a random wrench: its standard deviation as a share of full thrust (X, Y) and of the moment of "
-        "one thruster (N), and its correlation time [s]; without numbers (True), as in the model file",
+        "apply a random disturbance: its standard deviation as a share of full thrust (X, Y) and of the "
+        "moment of one thruster (N), and its correlation time [s]; without numbers (True), as in the model "
+        "file",
         type=number,
         nargs="*",
         metavar="SHARE TIME",
@@ -111,7 +112,7 @@ class _Options(Acting, Mocap):
     )
     lift: Optional[float] = option(None, "input of the lift fan, 0..1 (1)", range=(0.0, 1.0), metavar="LIFT")
     lift_time: Optional[float] = option(
-        None, "lift alone before thrust [s] (1)", range=(0.0, 30.0), metavar="S"
+        None, "lift only, before thrust [s] (1)", range=(0.0, 30.0), metavar="S"
     )
     start_pose: Sequence[float] = option(
         (0.0, 0.0, 0.0),
@@ -132,7 +133,7 @@ class _Options(Acting, Mocap):
         "order N of a sequence of 2^N - 1 bits (9)", type=int, range=(2, 20), metavar="2..20"
     )
     rows_per_bit: Optional[int] = _input(
-        "FILE.csv of a bit sequence: number of equal lines that make one bit (found from the file)",
+        "FILE.csv of a bit sequence: number of equal lines per bit (found from the file)",
         type=count,
         metavar="N",
     )
@@ -164,7 +165,7 @@ class _Options(Acting, Mocap):
     )
     imu: bool = option(
         False,
-        "record the craft's gyro and accelerometer as well: noise, biases, mounting and delay of usual ones",
+        "also record the craft's gyro and accelerometer, with typical noise, biases, mounting and delay",
     )
     battery: Optional[float] = option(
         None,
@@ -178,7 +179,7 @@ class _Options(Acting, Mocap):
     )
     controller: Optional[str] = _tracking("control law (TrajectoryTracking)", choices=list(gains.CONTROLLERS))
     reference: Optional[str] = _tracking(
-        "what it follows (circle)", choices=[kind for kind in loop.KINDS if kind != "file"]
+        "reference to follow (circle)", choices=[kind for kind in loop.KINDS if kind != "file"]
     )
 
 
@@ -209,26 +210,26 @@ def simulate(
     model : Model or path
         The true model of the craft.
     input : str or path, default 'prbs'
-        A design ("prbs", "multilevel-prbs", "spin", ...: `identify simulate --help` lists them), "tracking"
-        for a controller in the loop, or a CSV file of bits or timed rows.
+        A design such as "prbs", "multilevel-prbs" or "spin" (`identify simulate --help` lists them),
+        "tracking" for a controller in the loop, or a CSV file of bits or timed rows.
     inputs : array (n, 1 + channels) or DataFrame, optional
-        Instead of `input`: rows of time [s] and a command for each channel of the model, each held until the
-        next; the last row ends it. A DataFrame has columns t and the channels by name. Without the lift's
-        column, `lift` and `lift_time` set it.
+        Inputs instead of `input`: rows of time [s] and one command per channel of the model, each held until
+        the next row; the last row ends the run. A DataFrame needs columns t and the channels by name. Without
+        the column of the lift, `lift` and `lift_time` set it.
     name : str, default 'simulated'
         Name of the run.
 
     Returns
     -------
     SimulatedRun
-        The recording, and the truth about it.
+        The recording, and the true motion.
 
     Raises
     ------
     OptionError
-        When an option does not go with the input.
+        When an option does not fit the input.
     GroundError
-        When nothing can be recorded.
+        When there is nothing to record.
 
     Examples
     --------
@@ -398,7 +399,7 @@ class _Drive:
     def _refuse_unused(self, kind: str) -> None:
         for name in self.options:
             if name not in _takes(kind):
-                raise OptionError("{0} does not go with {1} {input}", name, "input", input=self.kind)
+                raise OptionError("{0} does not fit {1} {input}", name, "input", input=self.kind)
 
     def parameters(self, mover: Model) -> Dict[str, Dict[str, str]]:
         """Parameters of the run, by the ROS nodes that would have them."""
@@ -437,7 +438,7 @@ def disturbance_on(model: Model, given: Disturbance, trim: Optional[float]) -> O
         found = model.core.copy().disturbance
         if found.empty():
             raise OptionError(
-                "{0}: {model} has none; give SHARE and TIME", "disturbance", model=model.path or model.name
+                "{0}: {model} gives none; give SHARE and TIME", "disturbance", model=model.path or model.name
             )
         if trim is None:
             return found
@@ -447,7 +448,7 @@ def disturbance_on(model: Model, given: Disturbance, trim: Optional[float]) -> O
         found = experiments.disturbance_in_shares(model.core, *given)
     else:
         raise OptionError(
-            "{0} takes a SHARE between 0 and 1 and a positive TIME, or nothing, not {values}",
+            "{0} accepts a SHARE between 0 and 1 and a positive TIME, or nothing, not {values}",
             "disturbance",
             values=" ".join("%g" % value for value in given),
         )
@@ -468,8 +469,8 @@ DETAILS = (
 With --room a design is played in bursts, and between them ModelPredictive drives the craft home, so
 that it stays inside; a tracking controller stops before it would leave.
 
-Half a second of rest, then lift alone for --lift-time, then --duration of input, then half a second
-with everything off. A file with a column lift is played as it is. The same command line gives the
+Half a second of rest, then only lift for --lift-time, then --duration of input, then half a second
+with everything off. A file with a column lift is played unchanged. The same command line gives the
 same bag, bit for bit, except for the computing times of a controller (topic decision). The topics are
 topics of record.launch; simulator/truth has the true motion.
 

@@ -51,18 +51,18 @@ class SimulatedRun(Recording):
     True
     """
 
-    delivered: Array = _rows(0)  #: (n,) when the poses were delivered [s]
-    truth_times: Array = _rows(0)  #: (k,) [s] of every frame, including lost ones
-    truth_eta: Array = _rows(0, 0)  #: (k, 3) x, y [m], psi [rad], world_ned
-    truth_nu: Array = _rows(0, 0)  #: (k, 3) u, v [m/s], r [rad/s], body
-    truth_nu_dot: Array = _rows(0, 0)  #: (k, 3) their derivatives
+    delivered: Array = _rows(0)  #: (n,) times at which the poses were delivered [s]
+    truth_times: Array = _rows(0)  #: (k,) times of all frames, including lost ones [s]
+    truth_eta: Array = _rows(0, 0)  #: (k, 3) true x, y [m], psi [rad], world_ned
+    truth_nu: Array = _rows(0, 0)  #: (k, 3) true u, v [m/s], r [rad/s], body
+    truth_nu_dot: Array = _rows(0, 0)  #: (k, 3) time derivatives of u, v, r
     truth_wrench: Array = _rows(0, 0)  #: (k, 3) disturbance: X, Y [N], N [N m], body
     #: (h, 2 + n) time, inputs, lift that a controller gave; `controls` is what the sender then sent
     commanded: Array = _rows(0, 0)
     references: Array = _rows(0, 0)  #: (j, 9) time, p, p_dot, p_ddot, p_dddot
     #: (i, 3 + n) time, stamp of the state, processor time [s], wanted inputs (of full scale)
     decisions: Array = _rows(0, 5)
-    #: of excitations: time [s], number, burst or return, reason
+    #: bursts of an excitation: time [s], number, burst or return, reason
     marks: List[Tuple[float, int, bool, str]] = field(default_factory=list)
     #: states of the controller: time [s], state, reason
     stages: List[Tuple[float, str, str]] = field(default_factory=list)
@@ -71,11 +71,11 @@ class SimulatedRun(Recording):
     axes: str = AXES  #: world_ned x, y, z in the axes of the mocap
     heading_offset: float = 0.0  #: heading of the rigid body minus the craft's [rad]
     sequence: str = ""  #: how a file of bits was played
-    disturbance: Optional[_core.Disturbance] = None  #: the one that acted
+    disturbance: Optional[_core.Disturbance] = None  #: the disturbance that acted
 
     @functools.cached_property
     def identity(self) -> str:
-        """See Recording; of the bag which it saves."""
+        """Identity as in Recording: the digest of the bag that `save` writes."""
         if self.digest:
             return self.digest
         with tempfile.TemporaryDirectory() as folder:
@@ -85,12 +85,12 @@ class SimulatedRun(Recording):
 
     @property
     def frames_not_delivered(self) -> int:
-        """Mocap frames that were lost or late."""
+        """Number of mocap frames that were lost or late."""
         return len(self.truth_times) - len(self.pose_times)
 
     @property
     def bursts(self) -> int:
-        """Bursts of an excitation in a room."""
+        """Number of bursts of an excitation in a room."""
         return sum(burst for _, _, burst, _ in self.marks)
 
     @property
@@ -100,7 +100,7 @@ class SimulatedRun(Recording):
 
     @property
     def tracking_error(self) -> Optional[float]:
-        """Root mean square of the true distance from the reference [m]; None without one."""
+        """Root mean square of the true distance from the reference [m]; None without a reference."""
         if not len(self.references):
             return None
         at = np.searchsorted(self.truth_times, self.references[:, 0])
@@ -125,11 +125,11 @@ class SimulatedRun(Recording):
         return replace(self, voltage=Voltage(self.truth_times + SENSED, measured, TELLS))
 
     def save(self, path: Path, force: bool = False, progress: Progress = None) -> Dict[str, int]:
-        """Writes a bag like those that launch/record.launch records.
+        """Writes a bag in the form that launch/record.launch records.
 
-        The same run gives the same bytes, except for the computing times of a controller. Poses are in the
-        mocap's axes, of the rigid body. Header stamps are times of measurement, record times are times of
-        delivery.
+        The same run gives the same bytes, except for the computing times of a controller. Poses are
+        the rigid body's, in the mocap's axes. Header stamps are times of measurement, record times are
+        times of delivery.
 
         Returns
         -------

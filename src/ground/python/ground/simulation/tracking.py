@@ -72,7 +72,7 @@ def reference(kind: str, **settings: Any) -> _core.ReferenceParams:
     for name, value in settings.items():
         if name not in KINDS[kind].takes:
             raise GroundError(
-                "reference %s does not take '%s'; it takes %s" % (kind, name, ", ".join(KINDS[kind].takes))
+                "reference %s has no parameter '%s'; it has %s" % (kind, name, ", ".join(KINDS[kind].takes))
             )
         setattr(params, name, value)
     return params

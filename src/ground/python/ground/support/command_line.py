@@ -70,7 +70,7 @@ def _checked(one: "Field[Any]", value: Any) -> Any:
     is_single = isinstance(value, (str, Mapping)) or not isinstance(value, Iterable)
     values = tuple(_single(one, kind, v) for v in ([value] if is_single else value))
     if isinstance(number_of, int) and len(values) != number_of:
-        raise OptionError("{0} takes {count} numbers, not {n}", one.name, count=number_of, n=len(values))
+        raise OptionError("{0} needs {count} numbers, not {n}", one.name, count=number_of, n=len(values))
     return values
 
 
@@ -180,7 +180,7 @@ seconds = _Number(float, lambda x: 0 <= x < math.inf, "is not a time since the s
 def add_output(parser: argparse.ArgumentParser, metavar: str, help: str = "file to write") -> None:
     """Adds --output and --force."""
     parser.add_argument("-o", "--output", metavar=metavar, required=True, help=help)
-    parser.add_argument("--force", action="store_true", help="overwrite what exists")
+    parser.add_argument("--force", action="store_true", help="overwrite existing files")
 
 
 def add_model(parser: argparse.ArgumentParser, help: str) -> None:

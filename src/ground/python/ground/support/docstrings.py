@@ -16,18 +16,18 @@ ROWS = {  # parameters that mean the same everywhere
     "holdout": "Recording, path, or several, optional\n    Recordings or bags to test on.",
     "model": "Model or path\n    Model of the craft.",
     "recording": "Recording or path\n    A single run.",
-    "horizon": "float, optional\n    How far each prediction goes [s]; default: what suits the craft.",
+    "horizon": "float, optional\n    How far each prediction goes [s]; by default chosen for the craft.",
     "run": "str\n    Name of a run; empty: the first.",
     "start": "float\n    Start on the run's clock [s].",
     "end": "float\n    End on the run's clock [s].",
     "path": "path\n    The file.",
     "folder": "path\n    The folder.",
     "files": "mapping or sequence, optional\n    CSV files of the run, or of each run, by model.",
-    "force": "bool, default False\n    Overwrite what exists.",
+    "force": "bool, default False\n    Whether to overwrite existing files.",
     "progress": "callable, optional\n    Called with a `ground.support.progress.Report` at each step.",
 }
 OPTIONS = "options : %s, optional\n    The following as one object, whose values keyword arguments replace."
-READING = "GroundError\n    Names file, line and key of what is wrong."
+READING = "GroundError\n    When a file is invalid; the message names file, line and key."
 WRITING = "GroundError\n    When it cannot be written, or exists and `force` is not set."
 
 

@@ -40,18 +40,18 @@ class GroundError(Described, Exception):
 
 
 class OptionError(GroundError):
-    """An argument that does not go with the others, or that cannot have this value.
+    """An argument that does not fit the others, or has an invalid value.
 
     The message names arguments as Python does; `as_options` names them as the command line does.
 
     Parameters
     ----------
     text : str
-        With {0}, {1} for the names of arguments, and {name} for `values`.
+        The message, with {0}, {1} for the names of arguments, and {name} for `values`.
     *names : str
         Names of arguments.
     **values
-        What the text says of them.
+        Values for the named placeholders of the text.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class Diverged(GroundError):
 
 
 class GroundWarning(Described, UserWarning):
-    """Something that is valid but probably a mistake.
+    """Something valid that is probably a mistake.
 
     >>> import warnings
     >>> heavy = ground.Model.load(model_file).with_values({"m": 58.3})

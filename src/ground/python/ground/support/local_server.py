@@ -108,7 +108,7 @@ class Handler(BaseHTTPRequestHandler):
         if not length.isdigit() or int(length) > MOST_BYTES:
             if length.isdigit():
                 self.rfile.read(min(int(length), MOST_DROPPED))  # else it would not read the answer
-            return self._refuse(413, "a request has at most %d bytes" % MOST_BYTES)
+            return self._refuse(413, "a request may contain at most %d bytes" % MOST_BYTES)
         if self.headers.get("Content-Type", "").partition(";")[0] != "application/json":
             return self._refuse(415, "a request is JSON")
         name = urlsplit(self.path).path.lstrip("/")
@@ -157,7 +157,7 @@ class Handler(BaseHTTPRequestHandler):
         after DNS rebinding, or from another origin."""
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         if not HOSTS.fullmatch(host):
-            self._refuse(403, "this server is for this computer alone")
+            self._refuse(403, "this server accepts requests only from this computer")
         elif origin not in (None, "http://" + host) or self.headers.get("Sec-Fetch-Site") == "cross-site":
             self._refuse(403, "requests of other pages are refused")
         else:

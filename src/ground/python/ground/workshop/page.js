@@ -74,7 +74,7 @@ function showRuns() {
   $("runs").replaceChildren(...S.runs.map(run => {
     const role = make("select", {ariaLabel: "role of " + run.name, onchange: () => act("role", {run: run.name, role: role.value})},
       ...["fit", "held out", "off"].map(name => make("option", {value: name, textContent: name, selected: name === run.role})));
-    const cuts = run.cuts.length ? make("button", {textContent: "use all of it again", onclick: () => act("cut", {run: run.name, span: null})}) : null;
+    const cuts = run.cuts.length ? make("button", {textContent: "use the whole run again", onclick: () => act("cut", {run: run.name, span: null})}) : null;
     return make("div", {className: "run" + (run.name === view.run ? " shown" : "")}, role,
       make("b", {textContent: run.name, tabIndex: 0, role: "button", onclick: () => { choose(run.name); show(S); },
         onkeydown: event => { if (event.key === "Enter") { choose(run.name); show(S); } }}),
@@ -173,7 +173,7 @@ function showBars(now) {
   const most = Math.max(...all) * 1.02, floor = now.floor.position_mm ?? 0, rows = [];
   bars = {most, floor};
   if (before) rows.push(bar(label, before, most, floor));
-  rows.push(bar(S.now.error ? "on what is ticked now" : `now, ${now.by}`, now.error, most, floor, "now"));
+  rows.push(bar(S.now.error ? "on the runs ticked now" : `now, ${now.by}`, now.error, most, floor, "now"));
   if (beside) rows.push(bar(`model ${beside.id}: ${beside.what}`, beside.error, most, floor));
   if (S.runs.some(run => run.role === "held out")) {
     const open = make("button", {id: "open", textContent: S.opened ? `Open (seen ${S.opened === 1 ? "once" : S.opened + " times"})` : "Open (not seen yet)", onclick: () => act("open")});
@@ -211,7 +211,7 @@ function showSearch() {
   $("search").disabled = Boolean(job); $("stop").hidden = !job;
   $("stop").onclick = () => act("stop", {job: job.id});
   const where = search.judge ? ` on ${search.judge[0]}, ${search.judge[1].toFixed(1)} to ${search.judge[2].toFixed(1)} s` : "";
-  const states = {none: "Tries every effect of the library, alone and together.", stopped: `Stopped. Each effect alone, beside model ${search.node}.`, failed: "Failed.", done: `Done, for model ${search.node}${where}.`};
+  const states = {none: "Tries every effect of the library, singly and together.", stopped: `Stopped. Single effects, relative to model ${search.node}.`, failed: "Failed.", done: `Done, for model ${search.node}${where}.`};
   $("searching").textContent = job ? `${job.told}${job.of > 1 ? `, ${job.done} of ${job.of}` : ""}${where} …` : states[search.state] || "";
   if (!job && search.rows.length && search.node !== S.current) $("searching").append(" Search again for this model. ");
   if (S.judge && !job) $("searching").append(` Candidates are judged on ${S.judge[0]}, ${S.judge[1].toFixed(1)} to ${S.judge[2].toFixed(1)} s. `,
@@ -225,7 +225,7 @@ function showSearch() {
     const add = make("button", {textContent: has ? "added" : "Add", disabled: has || adding, ariaLabel: "Add " + row.effect, onclick: () => begin("add", row.effect)});
     add.dataset.effect = row.effect;
     const parts = [row.certain];
-    if (row.prediction) parts.push(`fitted by likelihood it leaves ${off(row.prediction)}`);
+    if (row.prediction) parts.push(`error with it, fitted by likelihood: ${off(row.prediction)}`);
     if (row.group?.length) parts.push("is indistinguishable from " + row.group.join(", "));
     if (row.seen === false) parts.push("these runs cannot show it");
     return make("li", {className: weak ? "weak" : ""}, add, make("b", {textContent: row.effect, className: row.selected ? "chosen" : ""}),
@@ -297,7 +297,7 @@ async function draw() {
     measured.channels.forEach((c, i) => traces.push(line(measured.t, c.y, "command " + c.name, COMMANDS[i % 4], {yaxis: "y4", line: {shape: "hv", width: 1.2, color: COMMANDS[i % 4], dash: i > 3 ? "dot" : "solid"}})));
     const keys = [["measured", grey], ["predicted", colour], ...(beside ? [["model " + other, second]] : []), ...measured.channels.map((c, i) => [(i < 2 ? "command " : "") + c.name, COMMANDS[i % 4]])];
     $("legend").replaceChildren(...keys.map(([text, color]) => { const key = make("span", {textContent: text}); key.style.setProperty("--key", color); return key; }),
-      view.to - view.from > MOST || (!view.to && run.end > MOST) ? `predicted, and missing, in the first ${MOST} s: zoom in for more` : "");
+      view.to - view.from > MOST || (!view.to && run.end > MOST) ? `predictions and missing force only for the first ${MOST} s: zoom in for more` : "");
     traces.push(line(measured.y, measured.x, "measured", grey, {line: {color: grey, width: 2.6}, xaxis: "x2", yaxis: "y5"}));
     const range = [measured.t[0] ?? 0, measured.t[measured.t.length - 1] ?? 1], band = (i, count) => [1 - (i + 1) / count + .02, 1 - i / count];
     const shapes = run.cuts.map(([a, b]) => ({type: "rect", xref: "x", yref: "paper", x0: a, x1: b, y0: 0, y1: 1, fillcolor: "#888", opacity: .3, line: {width: 0}}));
@@ -415,6 +415,6 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => show
 const events = new EventSource("events?token=" + encodeURIComponent(token));
 const changed = later(10, async () => { await fetching; if (!S || S.version !== newest) refresh(); });
 events.onmessage = event => { newest = Number(event.data); changed(); };
-events.onerror = () => say("The workbench does not answer. If it was ended, start it again: nothing is lost.", true);
+events.onerror = () => say("The workbench does not answer. If it has ended, start it again: nothing is lost.", true);
 events.onopen = () => { if ($("said").textContent.startsWith("The workbench does not")) say(""); };
 refresh();

@@ -316,7 +316,7 @@ class Session:
                 raise GroundError("there is no run %s, or role %s" % (run, role))
             roles = {**self.roles, run: role}
             if FIT not in roles.values():
-                raise GroundError("at least one run has to be fitted")
+                raise GroundError("at least one run must be fitted")
             self._do("roles", roles=roles)
 
     def cut(self, run: str, span: Optional[Sequence[float]]) -> None:

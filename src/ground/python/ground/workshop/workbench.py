@@ -36,7 +36,7 @@ class WorkbenchOptions:
     port: int = option(0, "port on the loopback address (a free one)", type=int, range=(0, 65535))
     no_browser: bool = option(False, "print the address, and open no browser")
     room: Optional[RoomLike] = option(
-        None, "room of the next experiment (default: the first room that a run has)", metavar="ROOM.yaml"
+        None, "room of the next experiment (default: the first one recorded with a run)", metavar="ROOM.yaml"
     )
 
 
@@ -59,9 +59,9 @@ def workbench(
     model : Model or path
         The model to start from.
     output : path, default 'workbench'
-        Folder of the work file, which brings everything back at the next start, and of what the page saves.
+        Folder of the work file, which restores everything at the next start, and of saved results.
     reading : mapping, optional
-        Options of ground.read, with which bags are read here and by the scripts that are saved.
+        Options of ground.read, for reading bags here and in saved scripts.
     begun : callable, optional
         Called with the address of the page.
 
@@ -167,7 +167,7 @@ def actions(session: Session, folder: str, reading: Mapping[str, object]) -> Dic
 
 def _kind(given: object) -> str:
     if given not in ("fit", "add", "try", "search"):
-        raise GroundError("there is no work of this kind")
+        raise GroundError("unknown kind of work")
     return str(given)
 
 
@@ -185,7 +185,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify workbench."""
     bag_arguments.add_bag_arguments(parser)
     command_line.add_model(parser, "the model to start from")
-    help = "folder of the work file, and of what is saved (%(default)s)"
+    help = "folder of the work file and of saved results (%(default)s)"
     parser.add_argument("-o", "--output", metavar="DIR", default="workbench", help=help)
     bag_arguments.add_holdout_argument(parser)
     command_line.add_options(parser, WorkbenchOptions)
