@@ -163,7 +163,7 @@ def test_a_wrong_definition_is_noticed(own_type, tmp_path, text):
     "text, message",
     [
         ("std_msgs/Header header\nWheel[2] wheels\n", "needs ff_msgs/Wheel"),
-        ("std_msgs/Header header\nbool[8\n", "Valves.msg: no definition of a type"),
+        ("std_msgs/Header header\nbool[8\n", "Valves.msg: not a type definition"),
     ],
 )
 def test_a_definition_that_lacks_something_is_named(own_type, tmp_path, text, message):

@@ -771,9 +771,9 @@ def test_a_table_whose_columns_have_no_names_is_listed_for_who_completes_the_dra
     "content, reason",
     [
         ("", "no rows"),
-        ("name,place\na,b\nc,d\n", "no row has numbers"),
-        ("t,x,y\n", "no row has numbers"),
-        ("3.5\n4.5\n5.5\n", "its lines are no rows of two values"),
+        ("name,place\na,b\nc,d\n", "no row .* numbers"),
+        ("t,x,y\n", "no row .* numbers"),
+        ("3.5\n4.5\n5.5\n", "two values or more"),
     ],
 )
 def test_what_is_no_table_is_refused_in_a_sentence(content, reason, tmp_path):

@@ -304,8 +304,7 @@ class Model(Shown):
     def __contains__(self, parameter: object) -> bool:
         return parameter in described(self.core)
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(described(self.core))
+    __iter__ = None  # it is one argument, not several
 
     def unit(self, parameter: str) -> str:
         """Unit of a parameter.

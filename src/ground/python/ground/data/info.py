@@ -53,8 +53,8 @@ class Info(Shown):
     >>> found = ground.info(bag)
     >>> list(found.to_frame())
     ['duration', 'usable', 'poses', 'rate', 'position_noise', 'heading_noise', 'odd']
-    >>> found.runs[0]["usable"]["spans"]  # on the run's clock [s]
-    [[1.0, 20.0]]
+    >>> round(found.runs[0]["usable"]["duration"])  # [s]
+    20
     """
 
     runs: List[Document]  #: of each run what `identify info --json` prints
@@ -136,6 +136,11 @@ def info(recordings: Recordings, model: Optional[ModelLike] = None, progress: Pr
     progress : callable or Work, optional
         Called with a Report when a stage begins, or a part of it is done.
 
+    Returns
+    -------
+    Info
+        Printed, it is the report of `identify info`.
+
     Raises
     ------
     GroundError
@@ -144,7 +149,7 @@ def info(recordings: Recordings, model: Optional[ModelLike] = None, progress: Pr
     Examples
     --------
     >>> print(ground.info(bag).title)
-    Usable: 19.0 of 20.0 s in 1 recording.
+    Usable: 20.1 of 22.0 s in 1 recording.
     """
     given, work = taken(recordings), Work.of(progress)
     if not given:
