@@ -54,7 +54,7 @@ def test_a_reset_of_the_estimator_is_no_motion(case, tmp_path):
     pytest.importorskip("pyulog")
     options = ("--mapping", case / "m.yaml")
     text, said = lines_of("info", case / "log_12.ulg", *options)
-    assert "1001 at 50.0 Hz" in text and "nothing to mend" in text
+    assert "1001 at 50.0 Hz" in text and "nothing to correct" in text
     assert "0.35" in said and "69.00 s" in said
     assert is_right(fitted(case / "log_12.ulg", options, tmp_path)[0])
 
@@ -63,7 +63,7 @@ def test_a_reset_of_the_estimator_is_no_motion(case, tmp_path):
 def test_a_body_behind_a_static_transform_is_found(case, tmp_path):
     frame = ("--axes", "x, -y, -z")
     text, said = lines_of("info", case / "run.bag", *frame, "--body", "base_link")
-    assert "nothing to mend" in text and "0.108 m" in said and "90 deg" in said
+    assert "nothing to correct" in text and "0.108 m" in said and "90 deg" in said
     assert is_right(fitted(case / "run.bag", (*frame, "--body", "base_link"), tmp_path)[0])
     _, said = lines_of("info", case / "run.bag", *frame)
     assert "base_link (fixed to tracker)" in said
@@ -73,7 +73,7 @@ def test_a_body_behind_a_static_transform_is_found(case, tmp_path):
 def test_a_log_with_one_command_in_five_is_not_believed(case, tmp_path):
     options = ("--mapping", case / "m.yaml")
     text, _ = lines_of("info", case, *options)
-    assert "nothing to mend" not in text and "are missing" in text and "reacts -" not in text
+    assert "nothing to correct" not in text and "are missing" in text and "reacts -" not in text
     found, said = fitted(case, options, tmp_path)
     low, high = found["k"]["ci95"]
     assert low <= TRUTH["k"][0] <= high or "are missing" in said
