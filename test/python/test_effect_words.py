@@ -135,7 +135,7 @@ def test_directions_and_what_is_not_known():
     wind = {"wx": Estimate(-0.13, -0.14, -0.12, "m/s"), "wy": Estimate(-0.11, -0.12, -0.10, "m/s")}
     assert sentence("wind", wind).startswith("it blows at 0.17 m/s towards -140 deg (95%: ")
     wide = {"wx": Estimate(-0.13, -0.2, -0.06, "m/s"), "wy": Estimate(-0.11, -1, 1, "m/s")}
-    assert sentence("wind", wide) == "it blows at 0.17 m/s in a direction that these runs do not show"
+    assert sentence("wind", wide) == "it blows at 0.17 m/s in a direction that these runs do not determine"
     assert sentence("wind", {name: Estimate(-0.13, -1, 1, "m/s") for name in wind}) == ""
     assert sentence("thrust_asymmetry", {"a": Estimate(-0.08, -0.2, 0.04, "-")}) == ""
     assert sentence("an_effect_of_my_own", {"a": exactly(1.0, "N")}) == ""

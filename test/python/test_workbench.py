@@ -291,7 +291,7 @@ def test_5_a_formula_is_read_judged_and_added(page, bench):
     page.until("document.querySelector('#parsed .no')")
     field.send_keys("v")
     page.until("document.getElementById('parsed').textContent.includes('a in N s2/m2')")
-    page.until("/does not help|it helps/.test(document.getElementById('parsed').textContent)", 300)
+    page.until("/not shown to help|it helps/.test(document.getElementById('parsed').textContent)", 300)
     page.picture("5_formula")
     field.clear()
     for name, text in (("fX", "g*cos(psi)"), ("fY", "-g*sin(psi)")):
@@ -434,7 +434,7 @@ def story(bench, browser, name, whole_search=True):
     page.until("S.nodes.some(n => n.kind === 'add')", 600)
     page.settled()
     said, node = page.text("said"), bench.state()["nodes"][-1]
-    assert ("It helps" if node["helps"] else "It does not help") in said
+    assert ("It helps" if node["helps"] else "It is not shown to help") in said
     page.picture(name + "_4_added")
     page.click("undo")
     page.until("S.nodes.find(n => n.id === S.current).kind === 'fit'")

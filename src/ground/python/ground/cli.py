@@ -12,6 +12,7 @@ import sys
 from typing import Any, Iterator, NamedTuple, NoReturn, Optional, Sequence
 
 from ground.support import completion, errors, files, progress
+from ground.support.errors import did_you_mean
 
 
 class _Parser(argparse.ArgumentParser):
@@ -21,6 +22,10 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(allow_abbrev=False, **more)
 
     def error(self, message: str) -> NoReturn:
+        known = [one for action in self._actions for one in action.option_strings]
+        wrong = [w for w in sys.argv[1:] if w.startswith("--") and w.split("=")[0] not in known]
+        if wrong and "required" in message:
+            message = "there is no option %s%s" % (wrong[0], did_you_mean(wrong[0], known))
         self.exit(2, "%s: %s (%s --help lists the options)\n" % (self.prog, message, self.prog))
 
 

@@ -68,7 +68,7 @@ class ResidualTests:
     samples: int
     noise: Dict[str, NoiseLevel]
     channels: Dict[str, ChannelCorrelations]
-    white: bool
+    white: bool  # whether a true model's residuals may be so: they follow neither themselves nor a command
 
 
 def analyse(
@@ -103,7 +103,7 @@ def analyse(
         samples=int(valid.sum()),
         noise=levels(point, run, "white"),
         channels=channels,
-        white=all(c.autocorrelation.accepted for c in channels.values()),
+        white=all(one is None or one.accepted for c in channels.values() for one in vars(c).values()),
     )
 
 

@@ -16,7 +16,7 @@ from ground.draft import drafts
 from ground.models import Model, ModelLike
 from ground.reading import mapping, readers, recorded_files
 from ground.reading.gathered import CAME_LATE
-from ground.reading.recording import Recording
+from ground.reading.recording import NOT_SECONDS, Recording
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.docstrings import internal
@@ -185,7 +185,7 @@ def _looked_at(
 
 def _worst(d: Document) -> List[str]:
     """What of a run has to be looked at before it is used, in sentences."""
-    return [*findings.grave(d), *(w for w in d["warnings"] if CAME_LATE in w)]
+    return [*findings.grave(d), *(w for w in d["warnings"] if CAME_LATE in w or NOT_SECONDS in w)]
 
 
 def run(arguments: argparse.Namespace) -> List[Dict[str, object]]:

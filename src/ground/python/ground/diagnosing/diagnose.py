@@ -253,7 +253,8 @@ def _flown(proposed: NextExperiment, seen: Measured, room: Optional[Room]) -> Ne
     """The experiment with the room in its command line. Where the craft was a simulated one, the simulator
     flies it."""
     in_room, simulated = _first_with("room", seen), _first_with("truth", seen)
-    file = room.path if room else str(in_room.files["room"].place()) if in_room else ""
+    file = room.path if room else ""
+    file = file or (str(in_room.files["room"].place()) if in_room else "")
     at = shlex.quote(os.path.abspath(file)) if file else ""
     if simulated is None:
         return replace(proposed, launch=proposed.launch + (" room:=" + at if at else ""))

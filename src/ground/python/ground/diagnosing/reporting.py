@@ -6,8 +6,8 @@ from typing import Iterable, List, Mapping, Optional, Sequence, Tuple
 from ground import _core
 from ground.analysis import bands, excerpts
 from ground.analysis.ceiling import Share
-from ground.analysis.diagnosis import StepwiseDiagnosis
-from ground.analysis.distributions import chance_by_interval
+from ground.analysis.diagnosis import Step, StepwiseDiagnosis
+from ground.analysis.distributions import chance_by_interval, student_outside
 from ground.analysis.horizon import PoseError
 from ground.analysis.likelihood import LikelihoodFit
 from ground.analysis.search import LookAlike
@@ -184,18 +184,23 @@ def _steps(
             step.p_value,
             corrected(step.p_value, len(diagnosis.candidates)),
             EffectTests(step.confirmed, conclusion.holdout[step.added]),
-            _chance_by_intervals(step.added, improved),
+            _chance_of_nothing(step, improved),
         )
         for step, error in zip(diagnosis.steps, conclusion.steps[1:])
     ]
 
 
-def _chance_by_intervals(name: str, improved: Parameters) -> float:
+def _chance_of_nothing(step: Step, improved: Parameters) -> float:
     """Probability that an effect of the library is nothing, by the interval of its parameter that is furthest
-    from it. The intervals contain what runs differ by, the likelihood does not."""
+    from it. The intervals contain what runs differ by, the likelihood does not. Where the runs show
+    parameters only together, intervals say nothing, and the held-out predictions decide."""
+    name, judged = step.added, step.confirmed
     known = candidates.effects().get(name, {"parameters": []})
     neutral = {"%s.%s" % (name, p["name"]): p["neutral"] for p in known["parameters"] if not p["shape"]}
     own = [(improved[key], value) for key, value in neutral.items() if key in improved]
+    if not all(p.identified for p, _ in own):
+        better = ((judged.gain, judged.gain_error), (-judged.rise, judged.rise_error))
+        return min(student_outside(by / error) if by > 0 < error else 1.0 for by, error in better)
     return min((chance_by_interval(p.value, p.ci95, value) for p, value in own), default=0.0)
 
 

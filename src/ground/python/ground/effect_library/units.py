@@ -1,7 +1,7 @@
 """Units of the parameters of a formula, from the units of what they multiply."""
 
 import ast
-from typing import Dict, Mapping, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ground.support.errors import GroundError
 
@@ -22,15 +22,19 @@ def parameters(formulas: Mapping[str, str], commands: Sequence[str]) -> Dict[str
     formula, or where units differ."""
     known = {**NAMES, **{name: NONE for name in commands}}
     found: Dict[str, Optional[Unit]] = {}
+    broken: List[str] = []
     for channel, text in formulas.items():
         if len(text) > MAX_FORMULA:
             raise GroundError("a formula has at most %d characters" % MAX_FORMULA)
         try:
             tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
+            broken.append(text)
             continue  # the core says what is wrong, or knows more than this
         for term in _terms(tree):
             _judge(term, WRENCH[channel], known, found, text)
+    if broken and not found:
+        raise GroundError("'%s' is not a formula: look for a missing or superfluous sign" % broken[0])
     return {name: "?" if unit is None else words(unit) for name, unit in found.items()}
 
 

@@ -50,6 +50,8 @@ class Verdict:
     change: float  #: relative change of the held-out error: -0.1 is 10% less
     ci95: Tuple[float, float]  #: 95% interval of that change, from its scatter over runs (or pieces)
     reason: str  #: why the effect helps or not
+    #: whether its size is not nothing and the error falls, but by no more than chance explains
+    is_open: bool = False
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,8 +105,7 @@ class Addition(Shown, Estimated):
             {n: effect_words.Estimate.of(p.value, p.ci95, p.unit, p.identified) for n, p in by_name.items()},
         )
         values += ", so that " + does if does else ""
-        answer = "yes" if self.verdict.helps else "no"
-        do = "use the model with it" if self.verdict.helps else "keep the model without it"
+        answer, do = ("yes", "use the model with it") if self.verdict.helps else _no(self.verdict.is_open)
         more = words.more_acts(self.prediction, "with", words.diagnosing("addition.model", written))
         if self.verdict.helps and more:
             do = "%s; %s" % (do, more)
@@ -272,6 +273,7 @@ def _verdict(
     tested = errors.get("holdout")
     known = [p for p in own if p.identified]
     contain = bool(known) and all(p.ci95[0] <= neutral[p.name] <= p.ci95[1] for p in known)
+    is_open = change < 0 and bool(known) and not contain and not judged.is_worse
     if change >= 0 or ci95[1] >= 0:
         helps, reason = False, told if known else "its parameters are not identifiable from these data"
     elif contain and not (len(own) > 1 and judged.is_better):
@@ -283,7 +285,14 @@ def _verdict(
         helps, reason = False, "the error on the holdout runs rises by %.1f%%" % percent
     else:
         helps, reason = True, told + "; its parameters are identifiable only in combination" * contain
-    return Verdict(helps, change, ci95, reason)
+    return Verdict(helps, change, ci95, reason, is_open and not helps)
+
+
+def _no(is_open: bool) -> Tuple[str, str]:
+    """The answer where an effect is not shown to help, and what to do."""
+    if is_open:
+        return "not clear", "record more runs, or ask diagnose, which decides by likelihood"
+    return "no", "keep the model without it"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -48,7 +48,8 @@ _T = TypeVar("_T")
 OVERSHOOT = 0.2  # share of its range by which a command may exceed it, and is clipped
 JUMP_BACK = 0.5  # largest lateness of a message [s]
 SAME_INSTANT = 1e-5  # instants differ by less after rounding [s]
-LONG_STEP, IMPOSSIBLE_STEP = 5.0, 100.0  # between poses [s], of a craft whose motion a controller can follow
+LONG_STEP, IMPOSSIBLE_STEP = 5.0, 100.0  # between poses [s]: longer ones probably, or surely, are no seconds
+NOT_SECONDS = "are times in seconds? unit: ms under time in a mapping, or a division by 1000, reads milliseconds"
 POSE = ("x", "y", "psi")
 VELOCITY = ("u", "v", "r")
 UNITS = {"t": "s", "x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
@@ -156,7 +157,6 @@ class Recording(Plotted):
         """As from_arrays, with the lift's channel anywhere, or absent."""
         stamps = times if command_times is None else command_times
         rows = _rows("poses", times, poses, POSE)
-        _check_step(name, rows[:, 0])
         sent = _rows("commands", stamps, commands, channels)
         if len(rows) > 1 and np.isfinite(rows).all() and units.in_degrees(rows[:, 0], rows[:, 3]):
             raise GroundError("%s: headings seem to be in degrees: numpy.deg2rad gives radians" % name)
@@ -166,7 +166,10 @@ class Recording(Plotted):
             if np.min(values, initial=low) < low or np.max(values, initial=high) > high:
                 reach = one, values.min(), values.max(), low, high
                 raise GroundError("%s: commands of %s reach from %g to %g, not %g to %g" % (name, *reach))
-        return replace(checked(name, rows, sent, "arrays", [], channels, ranges), name=name)
+        found = checked(name, rows, sent, "arrays", [], channels, ranges)
+        for text in found.warnings:
+            errors.warn("%s: %s" % (name, text))
+        return replace(found, name=name)
 
     @staticmethod
     def from_frame(
@@ -464,16 +467,6 @@ class Recording(Plotted):
         return "<%s %s: %.2f s, %d poses, %d commands>" % (type(self).__name__, self.name, *counts)
 
 
-def _check_step(name: str, times: Array) -> None:
-    """GroundError when times cannot be seconds; GroundWarning when they probably are not."""
-    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    text = "%s: poses come every %.3g s, but times are in seconds: divide milliseconds by 1000" % (name, step)
-    if step > IMPOSSIBLE_STEP:
-        raise GroundError(text)
-    if step > LONG_STEP:
-        errors.warn(text)
-
-
 def _rows(what: str, times: ArrayLike, values: ArrayLike, names: Sequence[str]) -> Array:
     """Rows of time and values. GroundError when their shapes do not fit."""
     try:
@@ -545,6 +538,12 @@ def checked(
                 "%s: the stamps of the %s jump back by %.2f s at number %d: the clock stepped, or "
                 "these are two runs" % (path, what, -back.min(), np.argmin(back) + 2)
             )
+    step = float(np.median(np.diff(poses[:, 0])))
+    text = "poses come every %.3g s: " % step + NOT_SECONDS
+    if step > IMPOSSIBLE_STEP:
+        raise GroundError("%s: %s" % (path, text))
+    if step > LONG_STEP:
+        warnings.append(text)
     every = controls[:, 1:].copy()
     for name, values in zip(channels, controls[:, 1:].T):
         _limit(path, name, every, values, (ranges or {}).get(name, RANGE), warnings)

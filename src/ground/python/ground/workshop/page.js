@@ -62,7 +62,7 @@ function show(before) {
 function told(now) {
   const was = now.before || node(now.parent)?.error;
   if (now.kind === "add") window.timing.add.push(performance.now() - begun);
-  if (now.kind === "add") say(`${now.what.replace("add", "Added")}: ${off(was)} before, ${off(now.error)} with it. ${now.helps ? "It helps" : "It does not help"}: ${now.reason}.`, !now.helps);
+  if (now.kind === "add") say(`${now.what.replace("add", "Added")}: ${off(was)} before, ${off(now.error)} with it. ${now.helps ? "It helps" : "It is not shown to help"}: ${now.reason}.`, !now.helps);
   if (now.kind === "fit") say(`Fitted: ${off(was)} before, ${off(now.error)} now, each run predicted by a fit to the others.`);
 }
 function number(error, by) {
@@ -180,7 +180,7 @@ function showBars(now) {
     if (now.holdout) rows.push(bar(`held out, seen ${S.opened === 1 ? "once" : S.opened + " times"}`, now.holdout, most, floor, "out"));
     else rows.push(bar("held out, sealed", null, most, floor, "out", open));
   }
-  if (now.kind === "add") rows.push(make("p", {className: "less"}, make("span", {className: now.helps ? "yes" : "no", textContent: now.helps ? "It helps: " : "It does not help: "}), now.reason));
+  if (now.kind === "add") rows.push(make("p", {className: "less"}, make("span", {className: now.helps ? "yes" : "no", textContent: now.helps ? "It helps: " : "It is not shown to help: "}), now.reason));
   const old = [...$("bars").querySelectorAll(".now .fill")].map(fill => fill.style.width)[0];
   $("bars").replaceChildren(...rows);
   const fill = $("bars").querySelector(".now .fill"), width = fill.style.width;
@@ -196,7 +196,7 @@ function showHistory() {
   const rows = [], walk = (parent, depth) => S.nodes.filter(n => n.parent === parent).forEach(n => {
     const line = make("i"); line.style.width = Math.max(1, 100 * (n.error.position_mm ?? most) / most) + "%";
     const row = make("button", {className: "node", role: "treeitem", ariaLevel: depth + 1, title: n.reason || "",
-      onclick: () => act("select", {node: n.id})}, make("em", {textContent: off(n.error)}), `${n.id} ${n.what}${n.helps === false ? " (no better)" : ""}`, line);
+      onclick: () => act("select", {node: n.id})}, make("em", {textContent: off(n.error)}), `${n.id} ${n.what}${n.helps === false ? " (not shown to help)" : ""}`, line);
     row.style.marginLeft = 0.7 * Math.min(depth, 8) + "rem"; row.style.width = "auto"; row.setAttribute("aria-current", n.id === S.current);
     row.dataset.node = n.id; rows.push(row); walk(n.id, depth + 1);
   });
@@ -266,7 +266,7 @@ function showTried() {
   if (!entry || !found || S.running.some(one => one.kind === "try")) return;
   const units = $("parsed").dataset.units;
   if (found.failed) $("parsed").textContent = `${units}; ${found.failed}`;
-  else $("parsed").replaceChildren(`${units}; error ${off(found.before)} → ${off(found.after)}: `, make("span", {className: found.helps ? "yes" : "no", textContent: found.helps ? "it helps" : "it does not help"}));
+  else $("parsed").replaceChildren(`${units}; error ${off(found.before)} → ${off(found.after)}: `, make("span", {className: found.helps ? "yes" : "no", textContent: found.helps ? "it helps" : "it is not shown to help"}));
 }
 function fill(proposal) { for (const c of "XYN") $("f" + c).value = (proposal.expression || {})[c] || ""; triedOf = "offered"; $("own").open = true; check(); }
 
