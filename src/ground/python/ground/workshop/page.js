@@ -377,7 +377,7 @@ const stretch = () => [Number($("from").value), Number($("to").value)];
 function showNext() {
   const next = S.search.next;
   if (!next) { $("next").hidden = true; if (S.search.state === "done") $("nexttext").textContent = "Nothing needed: these runs distinguish the effects."; return; }
-  $("nexttext").replaceChildren(`${next.input}: it distinguishes ${next.separates.filter(Boolean).join(" and ")}. `, make("code", {textContent: next.launch}));
+  $("nexttext").replaceChildren(`${next.input}: it distinguishes ${next.separates.filter(Boolean).join(" from ")}. The line leaves out the returns that keep the craft in the room. `, make("code", {textContent: next.launch}));
   if ($("next").dataset.of === next.launch) return;
   $("next").hidden = false; $("next").dataset.of = next.launch;
   const room = S.room || [[-2, -2], [2, -2], [2, 2], [-2, 2]], closed = [...room, room[0]];
