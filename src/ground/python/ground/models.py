@@ -272,7 +272,7 @@ class Model(Shown):
         try:
             return float(self.core.value(parameter))
         except ValueError as error:
-            raise UnknownParameter(str(error)) from error
+            raise UnknownParameter(str(error)) from None
 
     def unit(self, parameter: str) -> str:
         """Unit of a parameter.

@@ -1,6 +1,7 @@
 """Docstrings of numpy's style: signatures and dataclasses of options write their part of them."""
 
 import inspect
+import os
 import re
 import sys
 import textwrap
@@ -12,7 +13,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 WIDTH = 100  # of generated text
 SECTIONS = "Parameters|Attributes|Returns|Yields|Other Parameters|Raises|Warns|See Also|Notes|References|Examples"
 #: A field, or what __init__ sets: the comment above it, its name, and the comment beside it
-FIELD = re.compile(r"((?:^ +#: .*\n)*)^ +(?:self\.)?(\w+)(?::| =) .*?(?:  #: (.*))?$", re.M)
+FIELD = re.compile(r"((?:^ +#: .*\n)*)^ +(?:self\.)?(\w+)(?::| =) [^#\n]*(?:#: (.*))?", re.M)
 INTERNAL = ":meta private:"  # Sphinx leaves it out
 ROWS = {  # parameters that mean the same everywhere
     "recordings": "Recording, path, or several\n    Recordings or bags.",
@@ -150,7 +151,9 @@ def type_name(kind: Any) -> str:
     """A type in words: "sequence of float", "Model or path"."""
     origin, parts = getattr(kind, "__origin__", None), getattr(kind, "__args__", ())
     if isinstance(kind, ForwardRef):
-        return "path" if "PathLike" in kind.__forward_arg__ else kind.__forward_arg__
+        return kind.__forward_arg__
+    if kind is os.PathLike:
+        return "path"
     if origin is None:
         return str(getattr(kind, "__name__", kind))
     of = [*dict.fromkeys(type_name(part) for part in parts if part is not type(None))]
