@@ -38,3 +38,16 @@ html_js_files = [("katex.min.js", {"defer": "defer"})]
 
 linkcheck_timeout = 10
 linkcheck_anchors = False
+
+
+def prepared(app, what, name, thing, options, lines):
+    """Changes the lines of a docstring into what napoleon understands."""
+    if what in ("attribute", "property") and lines:
+        lines[0] = ": " + lines[0]  # a type, here none, ends with the first colon
+    elif "Attributes" in lines:  # the members follow with the same text
+        start = lines.index("Attributes")
+        del lines[start : lines.index("Examples", start) if "Examples" in lines[start:] else None]
+
+
+def setup(app):
+    app.connect("autodoc-process-docstring", prepared, priority=400)  # napoleon's is 500

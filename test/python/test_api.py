@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import doctest
+import html
 import importlib
 import inspect
 import json
@@ -11,6 +12,8 @@ import pydoc
 import re
 import subprocess
 import sys
+import traceback
+import typing
 import warnings
 
 import numpy as np
@@ -90,6 +93,17 @@ def test_every_field_of_a_public_class_has_its_meaning_beside_it():
                 of_module = ModuleAnalyzer.for_module(base.__module__).find_attr_docs()
                 known |= {field for owner, field in of_module if owner == base.__name__}
         assert {field.name for field in dataclasses.fields(kind)} <= known, kind
+        assert known <= {row.split(" : ")[0] for row in kind.__doc__.splitlines()}, kind
+    assert "\ncondition : float\n    condition number of the scaled" in inspect.getdoc(ground.Fit)
+
+
+def test_completion_offers_no_internals():
+    offered = dir(ground.Effect("wind"))
+    assert {"to_frame", "summary", "name"} <= {*offered} and not {"lines", "headline", "of"} & {*offered}
+
+
+def test_the_types_of_a_verb_can_be_evaluated():
+    assert typing.get_type_hints(ground.fit)["return"] is ground.Fit
 
 
 def test_every_public_name_has_a_home():
@@ -117,6 +131,7 @@ def test_a_slip_is_one_clear_line(wrong, words):
     with pytest.raises(ground.GroundError, match=words) as error:
         wrong(ground.Model.load(MODEL))
     assert "\n" not in str(error.value)
+    assert "".join(traceback.format_exception(None, error.value, None)).count(str(error.value)) == 1
 
 
 def test_a_model_that_comes_with_ground_is_loaded_by_its_name(tmp_path, monkeypatch):
@@ -206,6 +221,7 @@ def test_results_are_frozen_and_show_themselves(flown):
     assert "95% interval" in repr(found) and "held out" in found.summary()
     page = found._repr_html_()
     assert "<table" in page and "low" in page
+    assert "Prediction after" in page and html.escape("ground.diagnose(fit.model") in page
     frame = found.to_frame()
     assert frame.loc["k", "low"] < frame.loc["k", "value"] < frame.loc["k", "high"]
     assert ground.Model.load(MODEL).to_frame().loc["m", "unit"] == "kg"

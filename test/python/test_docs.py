@@ -142,6 +142,18 @@ def test_the_version_is_that_of_the_newest_release_in_the_change_log():
     assert ground.__version__ in identify("--version").stdout
 
 
+def test_the_reference_has_the_text_of_attributes_once_and_no_types_of_it():
+    from sphinx.ext.napoleon import Config, NumpyDocstring
+
+    prepared = runpy.run_path(str(ROOT / "docs" / "conf.py"))["prepared"]
+    text = "Measured minus simulated: u, v [m/s]."
+    of_property, of_class = [text], ground.Fit.__doc__.splitlines()
+    prepared(None, "property", "residuals", None, None, of_property)
+    assert text in str(NumpyDocstring(of_property, Config(), what="property", name="residuals"))
+    prepared(None, "class", "Fit", ground.Fit, None, of_class)
+    assert "Examples" in of_class and "Attributes" not in of_class and "model : Model" not in of_class
+
+
 def test_every_effect_has_its_equation():
     page = (ROOT / "docs" / "theory" / "effects.md").read_text()
     described = set(re.findall(r"^\| `(\w+)` \|", page, re.M))

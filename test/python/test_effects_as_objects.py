@@ -191,8 +191,26 @@ def test_wrong_effects_are_refused(craft, tmp_path):
             wrong()
 
 
+@pytest.mark.parametrize(
+    "make, words",
+    [
+        (lambda: ground.Effect("motor_lag", taus=0.3), r"no parameter taus \(did you mean tau\?\); it has tau"),
+        (lambda: ground.Effect("motor_lagg", tau=0.3), r"no effect motor_lagg \(did you mean motor_lag\?\)"),
+        (lambda: ground.Effect("mine", X="c*u+", c=(0.02, "N s/m")), "c\\*u\\+"),
+        (lambda: ground.Effect("mine", X="c*q", c=(0.02, "N")), "there is no q"),
+    ],
+)
+def test_an_effect_is_checked_when_it_is_made(make, words):
+    with pytest.raises(ground.GroundError, match=words):
+        make()
+
+
 def test_the_library_is_a_table(craft):
     known = ground.effects()
+    assert "wind" in known and known["wind"] in known and "winds" not in known and known[:1] == [known[0]]
+    with pytest.raises(ground.GroundError, match="did you mean wind?"):
+        known["windd"]
+    assert known.title == "Effects of the library" and known.title in known._repr_html_()
     frame = known.to_frame()
     assert len(known) == len(frame) > 15
     assert "tau [s]" in frame.loc["motor_lag", "parameters"] and frame.meaning.str.len().min() > 5

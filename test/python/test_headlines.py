@@ -36,6 +36,10 @@ def bags(tmp_path_factory):
     return [write_bag(folder / ("run%d.bag" % s), seed=s, model=truth, duration=8.0) for s in (1, 2, 3)]
 
 
+def test_a_label_does_not_touch_its_text():
+    assert list(formatted([("Prediction after 0.2 s", "21 m")])) == ["Prediction after 0.2 s: 21 m"]
+
+
 def first_lines(text):
     """Labels and texts of the lines above the first empty one; continued lines are joined."""
     found = []

@@ -270,6 +270,10 @@ def test_a_folder_stands_for_the_bags_in_it(tmp_path, guess):
         write_bag(folder / ("run%d.bag" % seed), seed=seed)
     (folder / "notes.txt").write_text("no bag")
     assert [run["name"] for run in json_of("info", folder)] == ["run1", "run2"]
+    by_day = tmp_path / "lab" / "craft_1" / "2026-03-05"
+    by_day.parent.mkdir(parents=True)
+    by_day.symlink_to(folder)
+    assert [run["name"] for run in json_of("info", tmp_path / "lab")] == ["run1", "run2"]
     out = tmp_path / "fitted.yaml"
     fit = identify("fit", folder / "run1.bag", "--holdout", folder, "--model", guess, "-o", out)
     fails(fit, "a run is given both for the fit and as holdout")

@@ -91,7 +91,7 @@ def test_every_result_draws_its_figures_one_by_one(runs, fitted, compared, diagn
     assert has_data(diagnosed.plot("motion"))
     with pytest.raises(ground.GroundError, match="there are errors, motion run 1"):
         compared.plot("motion")
-    with pytest.raises(ground.GroundError, match="no figures of a float"):
+    with pytest.raises(ground.GroundError, match="results and recordings, not float"):
         ground.plot(3.0)
     page = compared.plot()._repr_html_()
     assert page.count("<h4>") == len(compared.plot()) and "<html" not in page.split("plotly.js")[0]

@@ -212,7 +212,7 @@ def _check(truth: _core.Model, mocap: _core.MocapParams, acting: Optional[_core.
     try:
         experiments.simulate(truth, rest, mocap=mocap, disturbance=acting)
     except ValueError as error:
-        raise OptionError("{why}", why=error) from error
+        raise OptionError("{why}", why=error) from None
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -1,6 +1,7 @@
 """Effects as objects: of the library, of a file, of formulas, or of a Python function."""
 
 import os
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Union
 
@@ -13,7 +14,7 @@ from ground.support import files
 from ground.support.annotations import Document, Path
 from ground.support.bounded_yaml import LOADER
 from ground.support.docstrings import Described, complete, internal
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, did_you_mean
 from ground.support.results import Shown
 
 if TYPE_CHECKING:
@@ -103,6 +104,7 @@ class Effect(Shown):
         if not formulas:
             if force is not None or states:
                 raise GroundError("effect %s: it has no force" % name)
+            _check_names(name, parameters)
             self.entry.update(parameters)
             return
         self.entry["expression"] = formulas
@@ -112,6 +114,9 @@ class Effect(Shown):
             self.entry["states"] = dict(states)
         if parameters:
             self.entry["parameters"] = {key: _described(name, key, p) for key, p in parameters.items()}
+        thrusters = re.findall(r"\b(?:u|thrust)_(\w+)", str(self.entry))
+        if {"L", "R", "left", "right"}.issuperset(thrusters):  # of other thrusters only a craft knows
+            self.candidate(_core.Model())
 
     @classmethod
     def load(cls, path: Path) -> "Effect":
@@ -259,12 +264,27 @@ EffectLike = Union[Effect, Mapping[str, Any], Path]
 
 
 class Effects(Shown, List[Effect]):
-    """A list of effects that is displayed as a table.
+    """Effects as a list that is displayed as a table, and that also knows them by name.
 
+    >>> "wind" in ground.effects(), ground.effects()["wind"].parameters["wx"].unit
+    (True, 'm/s')
     >>> print(ground.effects()[-1])
     yaw_bias: constant yaw moment
       n0 0 N m  moment
     """
+
+    title = "Effects of the library"
+
+    def __contains__(self, effect: object) -> bool:
+        return any(effect in (one, one.name) for one in self)
+
+    def __getitem__(self, place: Any) -> Any:
+        if not isinstance(place, str):
+            return super().__getitem__(place)
+        names = [one.name for one in self]
+        if place not in names:
+            raise GroundError("there is no effect %s%s" % (place, did_you_mean(place, names)))
+        return self[names.index(place)]
 
     def to_frame(self) -> "pandas.DataFrame":
         """Table of the effects, indexed by name: meaning, and parameters with their units."""
@@ -303,6 +323,20 @@ def _listed(parameters: Mapping[str, EffectParameter]) -> str:
     texts = ["%s [%s]" % (key, p.unit) for key, p in parameters.items()]
     more = len(texts) - MAX_LISTED
     return ", ".join(texts[:MAX_LISTED]) + (" and %d more" % more if more > 0 else "")
+
+
+def _check_names(name: str, parameters: Mapping[str, Any]) -> None:
+    """GroundError for parameters that an effect of the library does not have, or where its name is nearly one
+    of the library. Other names may be those of effects of a craft's thrusters."""
+    library = candidates.effects()
+    near = did_you_mean(name, library, 0.9) if parameters else ""
+    if name not in library and near:
+        raise GroundError("there is no effect %s%s" % (name, near))
+    known = [p["name"] for p in library[name]["parameters"]] if name in library else parameters
+    for one in parameters:
+        if one not in known:
+            has = "; it has %s" % " ".join(known)
+            raise GroundError("effect %s has no parameter %s%s%s" % (name, one, did_you_mean(one, known), has))
 
 
 def _described(effect: str, name: str, given: Any) -> Dict[str, object]:

@@ -63,7 +63,7 @@ def find(folders: Sequence[str], mapping: FieldMapping) -> Tuple[List[Place], Li
 def _recordings(folder: str, mapping: FieldMapping) -> Iterator[str]:
     """Recordings in a folder, tables only where the mapping is of tables."""
     try:
-        listed = recorded_files.listed([folder], mapping)
+        listed = recorded_files.listed([folder], mapping, 0)
     except GroundError:
         return
     for path in listed:

@@ -191,7 +191,7 @@ def _next(found: HistoryContents, in_shell: bool) -> str:
         since = one.times[1] if one.kind == JUMP else ""
         return "fit %s again%s:\n%s" % (
             one.craft,
-            " to the runs since then" if since else " to its newest runs",
+            " to its newest runs" + " since then" * bool(since),
             _command(found, "fit", one, since, in_shell, "%s.yaml" % one.craft),
         )
     if found.odd:

@@ -1,5 +1,6 @@
 """Files of recordings: which there are in a folder, and which belong together."""
 
+import contextlib
 import glob
 import os
 import re
@@ -25,6 +26,7 @@ FOREIGN = {  # files that other programs export as tables
     **dict.fromkeys((".json", ".jsonl", ".feather"), "its rows, by pandas for example,"),
     **dict.fromkeys((".npz", ".npy"), "its arrays"), ".zip": "its content",
 }  # fmt: skip
+LEVELS = 3  #: of folders below one without recordings that are searched
 Files = Tuple[str, ...]  #: the file of the poses, and a file for each place of commands
 
 
@@ -160,16 +162,16 @@ def size(path: str) -> int:
     return os.path.getsize(path) if os.path.exists(path) else 0
 
 
-def listed(paths: Iterable[str], mapping: FieldMapping = DEFAULT) -> List[str]:
-    """The paths with every folder replaced by the recordings in it, by name; GroundError when it has
-    none. A folder with tables only stays what it is unless the mapping says how to pair them."""
+def listed(paths: Iterable[str], mapping: FieldMapping = DEFAULT, levels: int = LEVELS) -> List[str]:
+    """The paths with every folder replaced by the recordings in it, by name; where it has none, by those in
+    its folders, down to some levels; GroundError when these have none either. A folder with tables only stays what it is unless the mapping says how to pair them."""
     found: List[str] = []
     for path in paths:
-        found += _inside(path, mapping) if os.path.isdir(path) else [path]
+        found += _inside(path, mapping, levels) if os.path.isdir(path) else [path]
     return found
 
 
-def _inside(folder: str, mapping: FieldMapping) -> List[str]:
+def _inside(folder: str, mapping: FieldMapping, levels: int) -> List[str]:
     if is_bag(folder):
         return [folder]
     found: List[str] = []
@@ -177,7 +179,7 @@ def _inside(folder: str, mapping: FieldMapping) -> List[str]:
         found += glob.glob(os.path.join(glob.escape(folder), "*" + suffix))
     for path in glob.glob(os.path.join(glob.escape(folder), "*.bag.active")):  # left by a killed recorder
         found += [path] if path[: -len(".active")] not in found else []
-    below = sorted(entry.path for entry in os.scandir(folder) if entry.is_dir())
+    below = sorted(entry.path for entry in os.scandir(folder) if entry.is_dir() and entry.name[0] != ".")
     found += [path for path in below if is_bag(path)]
     if not found and not mapping.of_tables:
         found = [folder] if any(tables(path) for path in [folder, *below]) else []
@@ -187,6 +189,9 @@ def _inside(folder: str, mapping: FieldMapping) -> List[str]:
             found += [place] if len(runs) == 1 else [of_poses for of_poses, *_ in runs]
     elif not found:
         found = tables(folder)
+    for path in below if levels and not found else ():
+        with contextlib.suppress(GroundError, OSError):  # it has none, or others may not read it
+            found += _inside(path, mapping, levels - 1)
     if not found:
         raise GroundError("%s: this folder contains no bag, ROS 2 bag or table" % folder)
     return sorted(found)

@@ -122,7 +122,7 @@ def plot(result: Any, name: str = "") -> Any:
 @functools.singledispatch
 def _makers(result: Any) -> Makers:
     """Functions that draw the figures of a result, by name."""
-    raise GroundError("there are no figures of a %s" % type(result).__name__)
+    raise GroundError("ground.plot draws results and recordings, not %s" % type(result).__name__)
 
 
 @_makers.register(Recording)

@@ -265,7 +265,7 @@ def simulate(
             battery=_battery(options),
         )
     except ValueError as error:
-        raise OptionError("{why}", why=error) from error
+        raise OptionError("{why}", why=error) from None
     if options.imu:
         run = run.sensed(options.seed)
     return replace(
@@ -344,7 +344,7 @@ class _Drive:
         try:
             signal = experiments.design(kind, duration or DURATION, self._craft, **options)
         except ValueError as error:
-            raise OptionError("{why}", why=error) from error
+            raise OptionError("{why}", why=error) from None
         timed = kind == "file" and not signal.description  # rows under a header, not bits
         self._refuse_unused("lifted" if signal.has_lift else "timed" if timed else kind)
         length = duration or signal.end * (experiments.WITH_RETURNS if timed and self.room else 1)
@@ -382,7 +382,7 @@ class _Drive:
             params.controller = gains.choice(self.options.get("controller", params.controller.kind))
             params.reference = loop.reference(self.options.get("reference", "circle"), **settings)
         except GroundError as error:
-            raise OptionError("{why}", why=error) from error
+            raise OptionError("{why}", why=error) from None
         if self.room is not None:
             leaves = _core.leaves_room(params.reference, self.room.core)
             if leaves:

@@ -12,11 +12,12 @@ if TYPE_CHECKING:
     Flags = npt.NDArray[np.bool_]
     Indices = npt.NDArray[np.integer[Any]]  # and other whole numbers
     ArrayLike = npt.ArrayLike
-else:  # NumPy 1.17 of Ubuntu 20.04 has no types
+    Path = Union[str, os.PathLike[str]]
+else:  # NumPy 1.17 of Ubuntu 20.04 and Python 3.8 have no such types
     Array = Flags = Indices = ArrayLike = np.ndarray
+    Path = Union[str, os.PathLike]
 
 Random = np.random.Generator
-Path = Union[str, "os.PathLike[str]"]
 Document = Dict[str, Any]  # JSON values, and what functions of the compiled core return
 Plotly = Dict[str, object]  # a figure or a part of one, with the keys that plotly documents
 Style = Mapping[str, Union[str, float]]  # a line or a mark of plotly: color, width, dash

@@ -89,7 +89,7 @@ def _single(one: "Field[Any]", kind: Any, value: Any) -> Any:
         try:
             return kind(value)
         except argparse.ArgumentTypeError as error:
-            raise OptionError("{0}: {why}", one.name, why=error) from error
+            raise OptionError("{0}: {why}", one.name, why=error) from None
     elif kind and not isinstance(value, Sequence):
         wrong = "is not %s" % one.metadata["metavar"]
     elif docstrings.type_name(one.type) in ("str", "sequence of str") and not isinstance(value, str):

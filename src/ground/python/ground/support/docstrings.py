@@ -1,15 +1,19 @@
 """Docstrings of numpy's style: signatures and dataclasses of options write their part of them."""
 
 import inspect
+import os
 import re
+import sys
 import textwrap
 from dataclasses import Field, fields
-from typing import Any, Callable, Collection, Dict, ForwardRef, Iterator, Type, TypeVar, Union
+from typing import Any, Callable, Collection, Dict, ForwardRef, Iterator, List, Type, TypeVar, Union
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 WIDTH = 100  # of generated text
-SECTIONS = "Parameters|Returns|Yields|Other Parameters|Raises|Warns|See Also|Notes|References|Examples"
+SECTIONS = "Parameters|Attributes|Returns|Yields|Other Parameters|Raises|Warns|See Also|Notes|References|Examples"
+#: A field, or what __init__ sets: the comment above it, its name, and the comment beside it
+FIELD = re.compile(r"((?:^ +#: .*\n)*)^ +(?:self\.)?(\w+)(?::| =) [^#\n]*(?:#: (.*))?", re.M)
 INTERNAL = ":meta private:"  # Sphinx leaves it out
 ROWS = {  # parameters that mean the same everywhere
     "recordings": "Recording, path, or several\n    Recordings or bags.",
@@ -32,17 +36,21 @@ WRITING = "GroundError\n    When it cannot be written, or exists and `force` is 
 
 
 class Described:
-    """Docstrings of what derives from this have what `complete` adds."""
+    """Docstrings of what derives from this have what `complete` adds, and list the fields. Its objects do not
+    offer internal methods for completion."""
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
-        cls.__doc__ = _joined(_sections(cls.__doc__ or ""))
+        cls.__doc__ = _joined({**_sections(cls.__doc__ or ""), "Attributes": "\n".join(_attributes(cls))})
         for name, member in vars(cls).items():
             function = getattr(member, "__func__", member)
             if inspect.isfunction(function) and not name.startswith("_"):
                 if any(is_internal(getattr(base, name, None)) for base in cls.__mro__[1:]):
                     internal(function)
                 complete(function)
+
+    def __dir__(self) -> List[str]:
+        return [name for name in super().__dir__() if not is_internal(getattr(type(self), name, None))]
 
 
 def internal(function: _F) -> _F:
@@ -96,6 +104,22 @@ def _joined(sections: Dict[str, str]) -> str:
     return "\n\n".join([sections[""].strip(), *texts])
 
 
+def _attributes(kind: Type[Any]) -> Iterator[str]:
+    """The lines that describe the fields of a class: the comments `#:` above or beside them. A package
+    without its sources has none."""
+    found: Dict[str, str] = {}
+    for base in (base for base in reversed(kind.__mro__) if issubclass(base, Described)):
+        source = vars(sys.modules[base.__module__])["__loader__"].get_source(base.__module__) or ""
+        body = re.split(r"\n(?=\S)", source.partition("\nclass %s(" % base.__name__)[2])[0]
+        types = vars(base).get("__annotations__", {})
+        for above, name, beside in FIELD.findall(body):
+            text = " ".join([*(line.strip(" #:") for line in above.splitlines()), beside]).strip()
+            if text:
+                head = "%s : %s\n    " % (name, type_name(types[name])) if name in types else name + "\n    "
+                found[name] = head + textwrap.fill(text, WIDTH, subsequent_indent="    ")
+    yield from found.values()
+
+
 def _described(kind: Type[Any], known: Collection[str]) -> Iterator[str]:
     """The lines that describe options. known: names of all arguments, as Python has them."""
 
@@ -127,7 +151,9 @@ def type_name(kind: Any) -> str:
     """A type in words: "sequence of float", "Model or path"."""
     origin, parts = getattr(kind, "__origin__", None), getattr(kind, "__args__", ())
     if isinstance(kind, ForwardRef):
-        return "path" if "PathLike" in kind.__forward_arg__ else kind.__forward_arg__
+        return kind.__forward_arg__
+    if kind is os.PathLike:
+        return "path"
     if origin is None:
         return str(getattr(kind, "__name__", kind))
     of = [*dict.fromkeys(type_name(part) for part in parts if part is not type(None))]

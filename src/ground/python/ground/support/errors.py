@@ -114,7 +114,7 @@ def core_errors() -> Iterator[None]:
     try:
         yield
     except (RuntimeError, ValueError) as error:
-        raise core_error(error) from error
+        raise core_error(error) from None
 
 
 @contextlib.contextmanager
@@ -205,7 +205,8 @@ def warn(text: str, category: Type[GroundWarning] = GroundWarning) -> None:
     warnings.warn(text, category, stacklevel=level)
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """ " (did you mean motor_lag?)" for a word that is nearly one of the known ones, else nothing."""
-    near = difflib.get_close_matches(word, list(known), 1, 0.6)
+def did_you_mean(word: str, known: Iterable[str], least: float = 0.6) -> str:
+    """ " (did you mean motor_lag?)" for a word that is nearly one of the known ones, else nothing. least: how
+    near, 1 for the same."""
+    near = difflib.get_close_matches(word, list(known), 1, least)
     return " (did you mean %s?)" % near[0] if near else ""

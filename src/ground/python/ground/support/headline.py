@@ -15,7 +15,7 @@ def formatted(lines: Iterable[Line]) -> Iterator[str]:
     """The lines as a terminal shows them."""
     for label, text in lines:
         prose, *commands = text.split("\n")
-        head = (label + ":" if label else "").ljust(LABEL)
+        head = (label + ": " if label else "").ljust(LABEL)
         yield from textwrap.wrap(
             prose, WIDTH, initial_indent=head, subsequent_indent=" " * LABEL, break_on_hyphens=False
         )

@@ -34,7 +34,7 @@ class Plotted(Described):
 
 
 class Shown(Described):
-    """A result. Printed, it is what the command line prints; a notebook shows its title and its table."""
+    """A result. Printed, it is what the command line prints; a notebook shows its first lines and its table."""
 
     @internal
     def headline(self, written: str = "") -> Sequence[Line]:
@@ -78,7 +78,9 @@ class Shown(Described):
         return "\n".join(self.lines())
 
     def _repr_html_(self) -> str:
-        return "<p>%s</p>%s" % (html.escape(self.title), self.to_frame().to_html(max_rows=20))
+        told = "\n".join(headline.formatted(self.headline())) or self.title
+        table = self.to_frame().to_html(max_rows=20, float_format="{:.4g}".format)
+        return "<pre>%s</pre>%s" % (html.escape(told), table)
 
 
 def with_units(frame: "pandas.DataFrame", units: Mapping[str, str]) -> "pandas.DataFrame":
