@@ -52,7 +52,7 @@ CLAIMS = {
     "disagree": Claim("fit: any of four clean runs is reported to disagree, recordings", 0.01, MOST),
     "intervals": Claim("fit: 95% intervals hold the truth, recordings", 0.95),
     "known": Claim("fit --prior: any of five right priors is reported as contradicted", 0.01, MOST),
-    "prior": Claim("fit --prior: any of two right priors is reported as contradicted, recordings", 0.01, MOST),
+    "prior": Claim("fit --prior: a right prior of two is contradicted, recordings", 0.01, MOST),
     "band": Claim("fit: a band of 80% holds 80% of the samples of a new run, recordings", 0.8, LEAST),
     "gains": Claim("bench: p below 5% where thrusters are equal", 0.05),
     "thrust": Claim("bench: the 95% interval of k holds it", 0.95, LEAST),
@@ -64,7 +64,7 @@ CLAIMS = {
     "extreme": Claim("diagnose: agreement is denied, of numbers with heavy tails", 0.01, MOST),
     "agreement": Claim("diagnose: agreement is denied, recordings", 0.01, MOST),
     "likelihood": Claim("diagnose: 95% intervals hold the truth, recordings", 0.95, LEAST),
-    "differ": Claim("diagnose: any parameter is reported to differ between equal runs, recordings", 0.01, MOST),
+    "differ": Claim("diagnose: any parameter differs between equal runs, recordings", 0.01, MOST),
     "prediction": Claim("diagnose: a band of 90% holds a pose of a run held out, recordings", 0.9),
 }  # fmt: skip
 

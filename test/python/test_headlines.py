@@ -21,10 +21,7 @@ from ground.support.headline import formatted
 from ground.support.quantities import with_interval
 
 ERROR = r"(\d+(\.\d+)? (mm|m), \d+(\.\d+)? deg|not finite)"
-PREDICTION = (
-    r"Prediction after [\d.]+ s: +%s -> %s \((?:at the )?noise floor: %s"
-    % (ERROR, ERROR, ERROR)
-)
+PREDICTION = r"Prediction after [\d.]+ s: +%s -> %s \((?:at the )?noise floor: %s" % (ERROR, ERROR, ERROR)
 LABEL = r"^([A-Z][^:]{2,21}): +\S"
 
 

@@ -58,9 +58,7 @@ def _span(text: str) -> Tuple[str, Tuple[float, float]]:
 
 def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
     """Adds --holdout."""
-    parser.add_argument(
-        "--holdout", metavar="BAG", nargs="+", default=[], help="runs for testing only"
-    )
+    parser.add_argument("--holdout", metavar="BAG", nargs="+", default=[], help="runs for testing only")
 
 
 def mapping_of(arguments: argparse.Namespace) -> FieldMapping:

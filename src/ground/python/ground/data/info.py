@@ -64,8 +64,11 @@ class Info(Shown):
     read: Tuple[str, ...] = ()  #: the arguments of the command line that name the recordings
 
     @internal
-    def headline(self, written: str = "") -> Iterator[Line]:
-        """Its first lines: how much is usable, how good the poses are, and what to do next."""
+    def headline(self, written: str = "") -> List[Line]:
+        """First lines of the report: how much is usable, how good the poses are, and what to do next."""
+        return list(self._first_lines())
+
+    def _first_lines(self) -> Iterator[Line]:
         usable = sum(float(d["usable"]["duration"]) for d in self.runs)
         whole = sum(float(d["duration"]) for d in self.runs)
         count = "%d recording%s" % (len(self.runs), "" if len(self.runs) == 1 else "s")

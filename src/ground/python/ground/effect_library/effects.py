@@ -327,7 +327,7 @@ def _listed(parameters: Mapping[str, EffectParameter]) -> str:
 
 def _check_names(name: str, parameters: Mapping[str, Any]) -> None:
     """GroundError for parameters that an effect of the library does not have, or where its name is nearly one
-    of the library. Other names may be those of effects of a craft's thrusters."""
+    of the library. Other names may belong to effects of a craft's thrusters."""
     library = candidates.effects()
     near = did_you_mean(name, library, 0.9) if parameters else ""
     if name not in library and near:
@@ -336,7 +336,9 @@ def _check_names(name: str, parameters: Mapping[str, Any]) -> None:
     for one in parameters:
         if one not in known:
             has = "; it has %s" % " ".join(known)
-            raise GroundError("effect %s has no parameter %s%s%s" % (name, one, did_you_mean(one, known), has))
+            raise GroundError(
+                "effect %s has no parameter %s%s%s" % (name, one, did_you_mean(one, known), has)
+            )
 
 
 def _described(effect: str, name: str, given: Any) -> Dict[str, object]:

@@ -24,9 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="DIAGNOSIS",
         help="with --mcap: folder of a diagnosis, for its given and its proposed model, or model files",
     )
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", help="file to write; .py, .h or .c sets the format"
-    )
+    parser.add_argument("-o", "--output", metavar="FILE", help="file to write; .py, .h or .c sets the format")
     parser.add_argument(
         "--to",
         choices=list(written.TARGETS),

@@ -52,9 +52,7 @@ def below_labview(lines: Sequence[str], notes: List[str]) -> Sequence[str]:
     if not lines or not lines[0].startswith("LabVIEW Measurement"):
         return lines
     last = max((n for n, line in enumerate(lines) if line.startswith("***End_of_Header***")), default=-1)
-    notes.append(
-        "a LabVIEW file: its %d header lines are skipped, X_Value is the time" % (last + 1)
-    )
+    notes.append("a LabVIEW file: its %d header lines are skipped, X_Value is the time" % (last + 1))
     names, *rows = lines[last + 1 :] or [""]
     return [names.replace("X_Value", "time [s]"), *rows]
 

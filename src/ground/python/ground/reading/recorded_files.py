@@ -164,7 +164,8 @@ def size(path: str) -> int:
 
 def listed(paths: Iterable[str], mapping: FieldMapping = DEFAULT, levels: int = LEVELS) -> List[str]:
     """The paths with every folder replaced by the recordings in it, by name; where it has none, by those in
-    its folders, down to some levels; GroundError when these have none either. A folder with tables only stays what it is unless the mapping says how to pair them."""
+    its folders, down to some levels; GroundError when these have none either. A folder that contains only
+    tables stays as it is unless the mapping says how to pair them."""
     found: List[str] = []
     for path in paths:
         found += _inside(path, mapping, levels) if os.path.isdir(path) else [path]

@@ -48,8 +48,10 @@ _T = TypeVar("_T")
 OVERSHOOT = 0.2  # share of its range by which a command may exceed it, and is clipped
 JUMP_BACK = 0.5  # largest lateness of a message [s]
 SAME_INSTANT = 1e-5  # instants differ by less after rounding [s]
-LONG_STEP, IMPOSSIBLE_STEP = 5.0, 100.0  # between poses [s]: longer ones probably, or surely, are no seconds
-NOT_SECONDS = "are times in seconds? unit: ms under time in a mapping, or a division by 1000, reads milliseconds"
+LONG_STEP, IMPOSSIBLE_STEP = 5.0, 100.0  # between poses [s]: longer ones are probably, or surely, wrong
+NOT_SECONDS = (
+    "are times in seconds? unit: ms under time in a mapping, or a division by 1000, reads milliseconds"
+)
 POSE = ("x", "y", "psi")
 VELOCITY = ("u", "v", "r")
 UNITS = {"t": "s", "x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}

@@ -105,8 +105,7 @@ class SensorReader:
         paths = [one or other for one, other in itertools.zip_longest(own, usual, fillvalue="")]
         if not paths[0]:
             raise GroundError(
-                "%s: its fields in %s are not known; name %s in a mapping"
-                % (where, kind, KEYS[section])
+                "%s: its fields in %s are not known; name %s in a mapping" % (where, kind, KEYS[section])
             )
         columns = self.table(topic)
         if not own[0] and containers.column(columns, paths[0]) is None:

@@ -430,7 +430,9 @@ def _takes(kind: str) -> List[str]:
     return [*(name for name in DESIGNS[kind].takes if name in PATTERN), *LIFT, *BURSTS]
 
 
-def disturbance_on(model: Model, given: Optional[Disturbance], trim: Optional[float]) -> Optional[_core.Disturbance]:
+def disturbance_on(
+    model: Model, given: Optional[Disturbance], trim: Optional[float]
+) -> Optional[_core.Disturbance]:
     """The _core.Disturbance that acts; None where none does."""
     given = False if given is None else given
     if given is False and trim is None:
