@@ -74,7 +74,7 @@ def too_short(times, eta, inputs):
 def test_what_is_wrong_with_a_run_of_which_nothing_is_usable_is_said_first(spoil, reason, tmp_path):
     result = succeeds("info", write_bag(tmp_path / "run.bag", change=spoil))
     head = " ".join(result.stdout.split("\n\n")[0].split())
-    assert "Usable: 0.0 of" in head and "Next: look at run: nothing of it is usable" in head
+    assert "Usable: 0.0 of" in head and "Next: look at run: no part is usable" in head
     assert reason in head and "nothing to correct" not in head
 
 

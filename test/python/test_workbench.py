@@ -303,7 +303,7 @@ def test_5_a_formula_is_read_judged_and_added(page, bench):
     assert error(bench.state()) < 0.5 * before
     page.settled()
     assert "at the noise floor" in page.text("number")
-    assert page.text("worst") == "nothing stands out of the noise"
+    assert page.text("worst").startswith("nothing")
     page.picture("5_added")
 
 

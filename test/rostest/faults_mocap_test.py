@@ -210,7 +210,7 @@ class FaultsMocapTest(FaultsCase):
         self.assertLess(max(ages), 0.1)
         self.assertTrue(
             self.said(
-                "its clock was set by %+.3f" % seconds if seconds > 0 else "its clock was set by -", begun
+                "its clock stepped by %+.3f" % seconds if seconds > 0 else "its clock stepped by -", begun
             )
         )
 
