@@ -11,7 +11,8 @@ from typing import Any, Callable, Collection, Dict, ForwardRef, Iterator, List, 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 WIDTH = 100  # of generated text
-SECTIONS = "Parameters|Attributes|Returns|Yields|Other Parameters|Raises|Warns|See Also|Notes|References|Examples"
+SECTIONS = "Parameters|Attributes|"
+SECTIONS += "Returns|Yields|Other Parameters|Raises|Warns|See Also|Notes|References|Examples"
 #: A field, or what __init__ sets: the comment above it, its name, and the comment beside it
 FIELD = re.compile(r"((?:^ +#: .*\n)*)^ +(?:self\.)?(\w+)(?::| =) [^#\n]*(?:#: (.*))?", re.M)
 INTERNAL = ":meta private:"  # Sphinx leaves it out

@@ -34,7 +34,8 @@ class Plotted(Described):
 
 
 class Shown(Described):
-    """A result. Printed, it is what the command line prints; a notebook shows its first lines and its table."""
+    """A result. Printed, it is what the command line prints; a notebook shows its first lines and its
+    table."""
 
     @internal
     def headline(self, written: str = "") -> Sequence[Line]:
