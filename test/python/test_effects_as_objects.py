@@ -194,10 +194,7 @@ def test_wrong_effects_are_refused(craft, tmp_path):
 @pytest.mark.parametrize(
     "make, words",
     [
-        (
-            lambda: ground.Effect("motor_lag", taus=0.3),
-            r"no parameter taus \(did you mean tau\?\); it has tau",
-        ),
+        (lambda: ground.Effect("motor_lag", taus=0.3), r"no parameter taus \(did you mean tau\?\); it has"),
         (lambda: ground.Effect("motor_lagg", tau=0.3), r"no effect motor_lagg \(did you mean motor_lag\?\)"),
         (lambda: ground.Effect("mine", X="c*u+", c=(0.02, "N s/m")), "c\\*u\\+"),
         (lambda: ground.Effect("mine", X="c*q", c=(0.02, "N")), "there is no q"),

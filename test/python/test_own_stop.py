@@ -81,7 +81,7 @@ UNDECIDED = [
     ("slow", lambda: trial(0.2, speed=0.1, thrust=0.05), "more thrust"),
     ("lost", lambda: lost(trial(None), 0.5, 0.6), "the state was lost 0.5. s after"),
     ("gap", lambda: gap(trial(0.2), 0.15, 0.4), "no state for 0.2. s, from 0.1. s"),
-    ("short", lambda: changed(trial(0.2), silence_end=0.3), "lasted for 0.30 s only"),
+    ("short", lambda: changed(trial(0.2), silence_end=0.3), "0.30 s"),
     ("wall", lambda: trial(0.5, floor=15.0), "hit something"),
     ("held", lambda: trial(-0.2, speed=0.8), "before the silence began"),
     ("at the end", lambda: trial(1.45), "when the silence ended"),

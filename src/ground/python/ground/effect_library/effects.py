@@ -335,10 +335,8 @@ def _check_names(name: str, parameters: Mapping[str, Any]) -> None:
     known = [p["name"] for p in library[name]["parameters"]] if name in library else parameters
     for one in parameters:
         if one not in known:
-            has = "; it has %s" % " ".join(known)
-            raise GroundError(
-                "effect %s has no parameter %s%s%s" % (name, one, did_you_mean(one, known), has)
-            )
+            what = (name, one, did_you_mean(one, known), " ".join(known))
+            raise GroundError("effect %s has no parameter %s%s; it has %s" % what)
 
 
 def _described(effect: str, name: str, given: Any) -> Dict[str, object]:

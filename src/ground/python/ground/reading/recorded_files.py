@@ -163,9 +163,9 @@ def size(path: str) -> int:
 
 
 def listed(paths: Iterable[str], mapping: FieldMapping = DEFAULT, levels: int = LEVELS) -> List[str]:
-    """The paths with every folder replaced by the recordings in it, by name; where it has none, by those in
-    its folders, down to some levels; GroundError when these have none either. A folder that contains only
-    tables stays as it is unless the mapping says how to pair them."""
+    """The paths with every folder replaced by the recordings in it, by name; GroundError when it has
+    none. Where neither bags nor tables are in a folder itself, the bags of its folders count, some levels
+    deep. A folder that contains only tables stays as it is unless the mapping pairs them."""
     found: List[str] = []
     for path in paths:
         found += _inside(path, mapping, levels) if os.path.isdir(path) else [path]
@@ -182,6 +182,11 @@ def _inside(folder: str, mapping: FieldMapping, levels: int) -> List[str]:
         found += [path] if path[: -len(".active")] not in found else []
     below = sorted(entry.path for entry in os.scandir(folder) if entry.is_dir() and entry.name[0] != ".")
     found += [path for path in below if is_bag(path)]
+    if levels and not found and not mapping.of_tables and not tables(folder):
+        for path in below:
+            with contextlib.suppress(GroundError, OSError):  # it has none, or others may not read it
+                inside = _inside(path, mapping, levels - 1)
+                found += [one for one in inside if is_bag(one) or not os.path.isdir(one)]
     if not found and not mapping.of_tables:
         found = [folder] if any(tables(path) for path in [folder, *below]) else []
     elif not found and named(mapping):
@@ -190,9 +195,6 @@ def _inside(folder: str, mapping: FieldMapping, levels: int) -> List[str]:
             found += [place] if len(runs) == 1 else [of_poses for of_poses, *_ in runs]
     elif not found:
         found = tables(folder)
-    for path in below if levels and not found else ():
-        with contextlib.suppress(GroundError, OSError):  # it has none, or others may not read it
-            found += _inside(path, mapping, levels - 1)
     if not found:
         raise GroundError("%s: this folder contains no bag, ROS 2 bag or table" % folder)
     return sorted(found)
