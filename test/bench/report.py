@@ -20,11 +20,11 @@ PAGE = os.path.join(ROOT, "docs", "benchmarks.md")
 HEAD = """\
 # Benchmarks
 
-`make bench-report` writes this page from `test/bench/figures.json`, after taking what the benches have left
+`make bench-report` writes this page from `test/bench/figures.json`, after collecting the bench results
 in `build/`. Intervals are 95% (Clopper and Pearson 1934 for rates) unless stated otherwise; "of" is
 the number of cases. [Limits](limits.md) says what the rates mean.
 
-Each section says by which command, when and on which computer it was measured; a row says so where it
+Each section gives its command, date and computer; a row does so where it
 differs.
 
 MACHINES

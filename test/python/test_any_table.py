@@ -399,7 +399,7 @@ def test_lists_and_words_in_cells_are_commands(run, tmp_path):
 
 
 def test_commands_that_overshoot_are_clipped_and_refused_from_a_fifth(run, tmp_path):
-    with pytest.warns(ground.GroundWarning, match="left reaches from 0 to 1.02: .* were clipped"):
+    with pytest.warns(ground.GroundWarning, match="left ranges from 0 to 1.02: .* were clipped"):
         same(mapped(written(tmp_path, plain(run, left=1.02 * run.left))), run)
     with pytest.raises(ground.GroundError, match="must be between 0 and 1"):
         mapped(written(tmp_path, plain(run, left=1.25 * run.left)))

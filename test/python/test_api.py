@@ -256,7 +256,7 @@ def test_arrays_and_tables_drive_a_craft():
     assert set(lifted.controls[:, 0]) == {0.0, *rows[:-1, 1]}  # the last row ends it
     for wrong, words in (
         (rows[:, :2], "shape"),
-        (2 * rows, "reach"),
+        (2 * rows, "range"),
         (rows[::-1], "ascend"),
         ("prbs", "not numbers"),
         (frame.drop(columns="left"), "no column left"),

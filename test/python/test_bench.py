@@ -167,7 +167,7 @@ def test_a_pair_with_a_dead_band_lists_its_thrusters(tmp_path):
     [
         (["--thrusters", "front"], "no thruster is called front"),
         (["--thrusters", "3"], "no thruster is called 3"),
-        (["--curve", "polynomial"], "a polynomial needs forces at more inputs"),
+        (["--curve", "polynomial"], "a polynomial needs more inputs"),
         (["--model", ROOT / "cfg" / "hovercraft" / "mvwt.yaml", "--curve", "polynomial"], "inputs up to 4.5"),
     ],
 )

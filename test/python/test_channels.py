@@ -41,7 +41,7 @@ def test_a_model_that_names_other_thrusters_is_refused():
 
 
 def test_a_reversible_thruster_has_a_range_of_its_own():
-    with pytest.raises(GroundError, match="commands must be between 0 and 1 but reach from -0.5 to 1"):
+    with pytest.raises(GroundError, match="commands must be between 0 and 1 but range from -0.5 to 1"):
         recorded(front=-0.5)
     recording = recorded(front=-0.5, ranges={"front": (-1, 1)})
     assert recording.thrust[:, 2].max() == -0.5

@@ -173,7 +173,7 @@ def test_other_folders_are_left_alone(discovered, truth, tmp_path):
     (tmp_path / "letter.txt").write_text("dear reader")
     fails(identify("discover", "--model", MODEL, *arguments, tmp_path), "files, but no journal.json")
     (tmp_path / "letter.txt").rename(tmp_path / "journal.json")
-    fails(identify("discover", "--model", MODEL, *arguments, tmp_path), "is not the story")
+    fails(identify("discover", "--model", MODEL, *arguments, tmp_path), "is not a discovery")
 
 
 def test_ctrl_c_is_told_and_the_same_command_continues(truth, tmp_path, monkeypatch):

@@ -237,7 +237,7 @@ def test_bad_files_are_refused_with_a_reason(tmp_path, bag, guess):
     with rosbag.Bag(str(other), "w") as file:
         file.write("speed", Float64(1.0))
     fails(identify("info", tmp_path / "none.bag"), "none.bag", "no such file")
-    fails(identify("info", no_bag), "text.bag", "not a bag")
+    fails(identify("info", no_bag), "text.bag", "neither a bag")
     fails(identify("info", empty), "empty.bag", "no poses")
     fails(identify("info", other), "no poses", "speed (std_msgs/Float64)")
     silent = tmp_path / "silent.bag"

@@ -167,7 +167,7 @@ def test_a_part_of_a_run_can_be_chosen():
     assert part[0] == pytest.approx(1.0) and part[-1] == pytest.approx(2.5)
     assert len(np.array(run.data(model(), 4.0).times)) == 100
     assert len(run.data(model(), 4.90).times) == 10
-    with pytest.raises(GroundError, match="only 9 poses.*is 4.99 s long, usable are 4.99 s"):
+    with pytest.raises(GroundError, match="only 9 poses.*4.99 s"):
         run.data(model(), 4.91)
     assert np.allclose(np.array(run.data(model()).noise), np.array(run.motion.noise)[[0, 0, 1]])
 

@@ -131,7 +131,7 @@ def test_a_discovery_is_read_from_its_folder(discovered):
         assert getattr(again, name) == getattr(discovered, name), name
     assert str(again) == str(discovered)
     pandas.testing.assert_frame_equal(again.to_frame(), discovered.to_frame())
-    with pytest.raises(ground.GroundError, match="not the story"):
+    with pytest.raises(ground.GroundError, match="not a discovery"):
         type(again).load("cfg")
     assert set(pickle.loads(pickle.dumps(discovered)).plot()) == set(discovered.plot())
 

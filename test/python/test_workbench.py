@@ -434,7 +434,7 @@ def story(bench, browser, name, whole_search=True):
     page.until("S.nodes.some(n => n.kind === 'add')", 600)
     page.settled()
     said, node = page.text("said"), bench.state()["nodes"][-1]
-    assert ("It helps" if node["helps"] else "It is not shown to help") in said
+    assert ("It helps" if node["helps"] else "Not shown to help") in said
     page.picture(name + "_4_added")
     page.click("undo")
     page.until("S.nodes.find(n => n.id === S.current).kind === 'fit'")

@@ -503,7 +503,7 @@ class Room(Described):
 
     @property
     def name(self) -> str:
-        """Title of the model."""
+        """Title of the room."""
         return str(self.core.name)
 
     @property

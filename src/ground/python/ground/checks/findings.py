@@ -333,7 +333,7 @@ def grave(d: Document) -> Iterator[str]:
         elif share is not None:
             why = "most of the accelerations are pose noise"
             if d["poses"]["noise"]["heading"] > reply.AMBIGUOUS:
-                why = "the headings scatter so much that it is not known which way the craft turned"
+                why = "the headings scatter so much that the direction of turn is unknown"
             elif share == 0:
                 why = "the same commands at other times, or pose noise, explain as much of it"
             yield "whether the motion follows the commands cannot be decided, because " + why
@@ -389,8 +389,8 @@ def _late(
     if lateness:
         yield (
             "stamps are late, in bursts or from polling: %d of %d poses arrived with the previous one; "
-            "the clock of the frames is rebuilt: %.2f Hz, %d frames lost, stamps late by %.1f ms in the "
-            "middle and %.0f ms at most"
+            "the clock of the frames is rebuilt: %.2f Hz, %d frames lost, stamps late by %.1f ms "
+            "(median), %.0f ms at most"
             % (bursts, count, rate, lost, 1e3 * lateness["median"], 1e3 * lateness["largest"])
         )
         if lateness["above_50_ms"]:

@@ -43,7 +43,7 @@ CHANNELS, POSES = "under commands.channels in a mapping", "under poses in a mapp
 MIRRORED = "a minus before one of position's fields " + POSES
 AS_MEASURED = Settings()
 GRAVEST = ("swap", "mirror", "yaw", "upside_down", "invert", "dead", "offset")
-OTHER_SIGN = "heading: {sign: -1}, or without it, " + POSES
+OTHER_SIGN = "toggle heading: {sign: -1} " + POSES
 
 
 @dataclass(frozen=True)

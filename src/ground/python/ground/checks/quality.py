@@ -164,8 +164,8 @@ class RepairedRun:
             raise GroundError("the requested part ends at %g s, before it starts at %g s" % (end, low))
         if inside.sum() < 10:
             raise GroundError(
-                "%s: only %d poses in the requested part; the run is %.2f s long, usable are %.2f s "
-                "of it (identify info says why, --all or everything=True uses the whole run)"
+                "%s: only %d poses in the requested part; of the run's %.2f s, %.2f s are usable "
+                "(identify info says why, --all or everything=True uses the whole run)"
                 % (self.recording.name, inside.sum(), self.end, self.usable())
             )
         inputs = self.inputs(model)
@@ -245,8 +245,8 @@ def _apart(name: str, times: Array, controls: Array) -> str:
     """Says that poses and commands have no time in common, and what may help."""
     begin, other = float(times[0]), float(controls[0])
     lengths = float(np.ptp(times)), float(np.ptp(controls))
-    text = "%s: commands and poses do not overlap in time: poses are from %.3f s on for %.3g s, commands "
-    text = (text + "from %.3f s on for %.3g s; ") % (name, begin, lengths[0], other, lengths[1])
+    text = "%s: commands and poses do not overlap in time: poses start at %.3f s for %.3g s, commands "
+    text = (text + "at %.3f s for %.3g s; ") % (name, begin, lengths[0], other, lengths[1])
     if abs(begin - other) < 10 * max(lengths):
         return text + "are they of one run?"
     more = "their clocks differ: clock_offset in a mapping is added to the poses, %.3f if both began together"

@@ -260,7 +260,7 @@ def _angles(recordings: Sequence[Recording], model: _core.Model) -> Iterator[Sus
             "invert",
             "the angle %s seems to have the wrong sign: the commands would then explain %.0f%% of the "
             "turns; as recorded they explain %.0f%%" % (one.channel, 100 * one.share, 100 * one.as_recorded),
-            "sign: -1, or without it, of %s %s" % (one.channel, layouts.CHANNELS),
+            "toggle sign: -1 of %s %s" % (one.channel, layouts.CHANNELS),
             tuple(recording.name for recording in recordings),
         )
 

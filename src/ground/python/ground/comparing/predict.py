@@ -41,7 +41,7 @@ BEGIN, BEGIN_POSES = 0.1, 5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(Shown, Plotted):
-    """What a model predicts of a run: it restarts repeatedly from the measurements until then, and goes
+    """What a model predicts of a run: it restarts repeatedly from past measurements, and goes
     on for the horizon by the commands alone. Arrays have a row for each predicted sample and columns x, y
     [m], psi [rad] (world_ned), u, v [m/s], r [rad/s] (body).
 

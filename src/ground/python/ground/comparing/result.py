@@ -278,7 +278,7 @@ class Comparison(_Frame, Plotted):
         """
         recordings = [run.recording for run in self.runs if run.recording is not None]
         if len(recordings) < len(self.runs):
-            raise GroundError("this comparison was loaded: the folder from which it came contains all of it")
+            raise GroundError("this comparison was loaded: its folder already contains it")
         place = os.fspath(folder)
         report_file, numbers = prepare(place, force)
         runs = distinct_labels([_stem(run.name) for run in self.runs], [""] * len(self.runs))

@@ -212,7 +212,7 @@ class _TrackOptions:
     )
     truth: Optional[ModelLike] = option(None, "true model of the craft (--model)", metavar="T.yaml")
     gains: Optional[gain_files.Gains] = option(
-        None, "gains: a file that tune writes, or delivered ones such as tiny_whoover", metavar="G.yaml"
+        None, "gains: a file that tune writes, or included ones such as tiny_whoover", metavar="G.yaml"
     )
     perturb: Union[Mapping[str, float], Sequence[Tuple[str, float]]] = option(
         (),
@@ -225,7 +225,7 @@ class _TrackOptions:
     delay: float = option(0.0, "time from measurement to command [s]", type=seconds, metavar="S")
     rate: float = option(50.0, "decisions per second (%(default)g)", type=positive, metavar="HZ")
     seed: Optional[int] = option(
-        None, "number that chooses noise and start (without: starts at the origin)", type=seed
+        None, "seed of noise and start (without: starts at the origin)", type=seed
     )
     smooth: bool = option(False, "line, waypoints: start and stop gently")
     settled: Optional[float] = option(None, "time from which errors count [s]", type=seconds, metavar="S")

@@ -55,7 +55,7 @@ THESIS = {
 class TuneOptions:
     """What is searched, and how long."""
 
-    controller: str = option("TrajectoryTracking", "(%(default)s)", choices=list(tuning.SPACE))
+    controller: str = option("TrajectoryTracking", "control law (%(default)s)", choices=list(tuning.SPACE))
     gains: Optional[str] = option(None, "gains to start from and to compare with", metavar="G.yaml")
     references: Sequence[str] = option(
         REFERENCES,
@@ -66,10 +66,10 @@ class TuneOptions:
     holdout: Sequence[str] = option(
         HELD_OUT, "further references to test on (%s)" % " ".join(HELD_OUT), nargs="*", metavar="KIND"
     )
-    evaluations: int = option(1200, "(%(default)s)", type=count, metavar="N")
-    starts: int = option(4, "starts of a candidate (%(default)s)", type=count, metavar="N")
+    evaluations: int = option(1200, "candidates to try (%(default)s)", type=count, metavar="N")
+    starts: int = option(4, "starts per candidate (%(default)s)", type=count, metavar="N")
     test_starts: int = option(100, "fresh starts of the test (%(default)s)", type=count, metavar="N")
-    seed: int = option(1, "(%(default)s)", type=seed)
+    seed: int = option(1, "seed of noise and starts (%(default)s)", type=seed)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""info: contents, oddities and repairs of recordings."""
+"""info: contents, anomalies and repairs of recordings."""
 
 import argparse
 import math
@@ -57,8 +57,8 @@ class Info(Shown):
     20
     """
 
-    runs: List[Document]  #: of each run what `identify info --json` prints
-    doubts: Tuple[str, ...]  #: sentences on what several runs look like together
+    runs: List[Document]  #: what `identify info --json` prints of each run
+    doubts: Tuple[str, ...]  #: findings on several runs together, in sentences
     mappings: Dict[str, str]  #: the text of the mapping that was drafted to read a run, by its name
     layout: str  #: which channel drives which thruster, in a sentence; empty without a model
     read: Tuple[str, ...] = ()  #: the arguments of the command line that name the recordings
@@ -128,7 +128,7 @@ class Info(Shown):
 
 
 def info(recordings: Recordings, model: Optional[ModelLike] = None, progress: Progress = None) -> Info:
-    """Reports contents, oddities and usable parts of recordings.
+    """Reports contents, anomalies and usable parts of recordings.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def info(recordings: Recordings, model: Optional[ModelLike] = None, progress: Pr
     Returns
     -------
     Info
-        Printed, it is the report of `identify info`.
+        Prints as the report of `identify info`.
 
     Raises
     ------

@@ -100,7 +100,7 @@ def read(bags: Union[Path, Iterable[Path]], *, options: ReadingOptions) -> Tuple
     Raises
     ------
     GroundError
-        When a file cannot be read, or a run is given twice, be it as a copy.
+        When a file cannot be read, or a run is given twice, even as a copy.
 
     Warns
     -----

@@ -248,7 +248,7 @@ def _rest(report: DiagnosisReport) -> str:
 def _undecided(report: DiagnosisReport, depends: bool) -> str:
     """Why runs cannot decide whether something is missing. depends: they show what it may depend on."""
     if number(report.noise_floor) == "-":
-        return "the model's motion is not finite over whole runs, so the noise floor is not known."
+        return "the model's motion is not finite over whole runs, so the noise floor is unknown."
     if report.agreement.frequency:
         return words.pattern(report) + "."
     refuted = [dropped for dropped in report.dropped if dropped.change is None]
@@ -302,7 +302,7 @@ def _next(report: DiagnosisReport, folder: str) -> str:
     if open_still:
         return "record more and longer runs to see whether more is missing; the model is usable now"
     if report.varies:
-        return "find what changed between the runs (battery, trim, floor), or accept it as their spread"
+        return "find what changed between the runs (battery, trim, floor), or accept their spread"
     if kind in ("complete", "missing") and _rest_matters(report) and not _is_chance(report):
         return _repeat(report, " (roslaunch: returns:=false)" if folder else "")
     model = _in(folder, "improved.yaml") if folder else "diagnosis.improved"

@@ -222,7 +222,7 @@ class Diagnosis(Shown, Plotted, Estimated):
         from ground.diagnosing import page
 
         if self.drawn is None:
-            raise GroundError("this diagnosis was loaded: the folder from which it came contains all of it")
+            raise GroundError("this diagnosis was loaded: its folder already contains it")
         place = os.fspath(folder)
         paths = prepare(place, force)
         stale = FILES if result_folder.is_of(paths[0], SCHEMA) else ()

@@ -243,7 +243,7 @@ def evidence(report: DiagnosisReport) -> Iterator[str]:
     yield "%29s noise floor" % number(report.noise_floor)
     if held:
         yield (
-            "The cross-validated error of the runs fitted to, each by a fit to the others, is %s without "
+            "The cross-validated error of the fitted runs, each by a fit to the others, is %s without "
             "further effects and %s with those found."
             % (number(report.nominal.cross_validated), number(report.improved.cross_validated))
         )

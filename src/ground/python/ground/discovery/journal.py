@@ -90,4 +90,4 @@ def read(path: str) -> Story:
     try:
         return Story.from_dict(result_folder.read(*os.path.split(path), SCHEMA))
     except (GroundError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise GroundError("%s is not the story of a discovery (%s)" % (path, error))
+        raise GroundError("%s is not a discovery's journal (%s)" % (path, error))

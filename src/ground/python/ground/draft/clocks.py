@@ -60,7 +60,7 @@ def find(
         return TableClock(key, fields, times)
     frames = [n for n in _rising(values) if set(words.split(n)) & words.FRAMES]
     named = "field: %s, " % quoted(frames[0]) if frames else ""
-    key = "{%srate: }  # %s%s: put in how many rows come per second [Hz]"
+    key = "{%srate: }  # %s%s: give the rows per second [Hz]"
     key %= named, MARK, lost or "no column is a time"
     return TableClock(key, tuple(frames[:1]), np.arange(len(next(iter(columns.values()))), dtype=float))
 
@@ -121,7 +121,7 @@ def _doubt(
         return "others that could be it: %s" % ", ".join(rivals)
     steps = np.diff(times[np.isfinite(times)])
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
-    rate = "by %s, %.3g rows come in a second" % (clock.unit, 1 / usual)
+    rate = "in %s, %.3g rows come per second" % (clock.unit, 1 / usual)
     least, most = GIVEN_RATES if said else RATES
     if not clock.unit or (least < 1 / usual < most and (said or not _are_ticks(clock, numbers))):
         return ""

@@ -215,7 +215,7 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool, is_sided: bool) -> 
         yield "topic: ''  # %snothing seems to have poses; name the fields that have them:" % MARK
         yield "# position: {fields: [X, Y], unit: m}"
         yield "# heading: {field: PSI, unit: rad}"
-        yield "# (of sine and cosine or a matrix, add a column: psi = atan2(sin, cos) or atan2(r21, r11))"
+        yield "# (for sin, cos or a matrix, add a column: psi = atan2(sin, cos) or atan2(r21, r11))"
         return
     chosen, pose = candidates[0], candidates[0].pose
     yield from _place(candidates, in_folder)
@@ -396,7 +396,7 @@ def _command_lines(candidates: Sequence[Seen], every: Sequence[Seen], in_folder:
     if chosen.clock:
         yield "time: %s" % chosen.clock
     elif chosen.kind != TABLE:
-        yield "# time: receipt  # instead of the header's stamp, which a type without one has not"
+        yield "# time: receipt  # instead of the header's stamp, which a type without one lacks"
     if len(parts) > 1:
         yield "# one for each thruster, by their names: %s" % ", ".join(part.topic for part in parts)
     yield "channels:  # name each as the model names its thruster, or lift"

@@ -175,7 +175,7 @@ class Effect(Shown):
     @classmethod
     @internal
     def of(cls, effect: "EffectLike") -> "Effect":
-        """The effect of a name, a path of a YAML file, or an entry of a model file."""
+        """The effect from a name, a YAML file, or an entry of a model file."""
         if isinstance(effect, Effect):
             return effect
         if isinstance(effect, Mapping):
@@ -264,7 +264,7 @@ EffectLike = Union[Effect, Mapping[str, Any], Path]
 
 
 class Effects(Shown, List[Effect]):
-    """Effects as a list that is displayed as a table, and that also knows them by name.
+    """A list of effects, displayed as a table, with access by name.
 
     >>> "wind" in ground.effects(), ground.effects()["wind"].parameters["wx"].unit
     (True, 'm/s')
@@ -304,8 +304,8 @@ class Effects(Shown, List[Effect]):
 def effects() -> Effects:
     """Lists the effects of the library with their meaning and parameters.
 
-    A diagnosis tries all but those that it is asked for (`effects=` of ground.diagnose). Crafts that list
-    their thrusters have effects of single ones as well, such as thruster_gain_NAME.
+    A diagnosis tries all except those tried on request (`effects=` of ground.diagnose). Craft that list
+    their thrusters also have effects of single ones, such as thruster_gain_NAME.
 
     Examples
     --------

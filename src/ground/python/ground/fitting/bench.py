@@ -239,7 +239,7 @@ def _lines(found: thrust_bench.Thrust) -> Iterator[str]:
     """The evidence: curve, parameters, misfit and reach."""
     curve = found.curve
     if found.switches:
-        yield "curve: on or off; nothing was measured between, so the model's is left as it is"
+        yield "curve: on or off; nothing was measured between, so the model's is kept"
     else:
         yield "curve: %s" % curve.words
     for words, ratio in found.rejected:

@@ -78,7 +78,7 @@ def _of_table(path: str, form: BenchFormat) -> Bench:
         level = form.level(values[0])
         if not -1e-6 <= level <= 1 + 1e-6:
             raise GroundError(
-                "%s: line %d: input %g is not between %g and %g: give what means 0 and 1 with --inputs, "
+                "%s: line %d: input %g is not between %g and %g: define 0 and 1 with --inputs, "
                 "such as --inputs 1000 2000 for microseconds" % (path, number, values[0], form.off, form.full)
             )
         newtons = bench_logs.NEWTONS[form.unit or "N"]
@@ -97,7 +97,7 @@ def _bench(
     if len(levels) == 1 and min(levels) < 1 - 1e-6:
         raise GroundError(
             "%s: there are forces at the input %g only, so that thrust at full input would be a guess: "
-            "measure others; of a thruster that is on or off, say by --inputs which value is on"
+            "measure others; for an on-off thruster, --inputs says which value is on"
             % (path, min(levels))
         )
     seen: "CounterType[Tuple[float, ...]]" = Counter()

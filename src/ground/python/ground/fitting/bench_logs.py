@@ -220,7 +220,7 @@ def _commands(path: str, values: Array, columns: Sequence[str], form: BenchForma
     levels = form.level(values)
     if np.nanmin(levels) < -1e-6 or np.nanmax(levels) > 1 + 1e-6:
         raise GroundError(
-            "%s: the command goes from %g to %g: give what means 0 and 1 with --inputs"
+            "%s: the command goes from %g to %g: define 0 and 1 with --inputs"
             % (path, np.nanmin(values), np.nanmax(values))
         )
     if columns[0] in names:
@@ -251,7 +251,7 @@ def _check_name(path: str, together: Array, names: Sequence[str]) -> None:
     own = _named(path, names)
     if own and at_work and not set(own) & set(at_work):
         raise GroundError(
-            "%s: it is named after %s, but its bits say %s, by the order of the thrusters in the model; "
+            "%s: it is named after %s, but its bits say %s, in the model's thruster order; "
             "correct one" % (path, own[0], ", ".join(at_work))
         )
 

@@ -127,7 +127,7 @@ class MassByMotion:
         if k.ci95[0] <= self.bench.high * self.scale and k.ci95[1] >= self.bench.low * self.scale:
             return "the intervals of bench and motion overlap"
         return (
-            "the forces equal the bench's at once, but over windows the craft moves as if they were "
+            "immediate forces equal the bench's, but over windows the craft moves as if they were "
             "%.2f times as large: an effect is missing, and diagnose looks for it. Until then take k from a "
             "fit" % (k.value / (self.bench.value * self.scale))
         )

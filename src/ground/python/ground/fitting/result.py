@@ -293,7 +293,7 @@ class Fit(Shown, Plotted, Estimated):
 
     @property
     def runaway(self) -> List[Parameter]:
-        """Parameters that ran to the end of their range, far from the start values: the model is not one of
+        """Parameters that ran to the end of their range, far from the start values: the model does not fit
         the craft."""
         return [
             p

@@ -149,11 +149,11 @@ def fit(bench: Bench, names: Sequence[str], only: Optional[str] = None) -> Thrus
     to be used whatever the evidence. Raises GroundError."""
     driven = bench.part(bench.inputs > OFF)
     if not np.max(driven.forces) > 0:
-        raise GroundError("no force is positive: thrusters push, so turn the sign or the table")
+        raise GroundError("no force is positive: thrusters push, so flip the sign or the table")
     gains, p_value = _gains(driven)
     curves = [c for c in _curves(driven, gains) if only is None or c.kind == only]
     if not curves:
-        raise GroundError("a %s needs forces at more inputs than the table has, and that rise" % only)
+        raise GroundError("a %s needs more inputs than the table has, with rising forces" % only)
     chosen, rejected = _choose(driven, gains, curves)
 
     def refit(part: Bench) -> Dict[str, float]:

@@ -50,7 +50,7 @@ class HistoryOptions(bag_arguments.AsRecorded):
     )
     tolerance: float = option(
         0.1,
-        "largest difference between craft of a type that is ignored, as a share of a parameter, or of an "
+        "largest ignored difference between craft of a type, as a share of a parameter, or of an "
         "effect's usual size (%(default)g)",
         metavar="SHARE",
         range=(0.0, 10.0),
@@ -66,7 +66,7 @@ def history(
     progress: Progress = None,
     options: HistoryOptions,
 ) -> History:
-    """Finds what drifts, what jumped between which two runs, and which craft is odd.
+    """Finds drifts, jumps between two runs, and odd craft.
 
     Each run is estimated on its own, with the likelihood of a diagnosis; then all runs of a type are fitted
     together: runs within days within craft. Runs that cannot be used are listed.

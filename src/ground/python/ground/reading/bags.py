@@ -200,7 +200,7 @@ def _salvaged(path: str, cause: Any) -> Source:
                 % (path, definitions.said(cause), path)
             )
         said = definitions.said(cause)
-        raise GroundError("%s: cannot be read as a bag (%s), and no message in it is whole" % (path, said))
+        raise GroundError("%s: cannot be read as a bag (%s), and no message is intact" % (path, said))
     return found
 
 

@@ -45,7 +45,7 @@ def channels_of(
         return commands.channels, commands.lift
     if kind not in KINDS:
         raise GroundError(
-            "%s: which numbers of %s are commands is not known; name the channels in a mapping "
+            "%s: the command fields of %s are unknown; name the channels in a mapping "
             "(identify info --write-mapping drafts one)" % (where, kind)
         )
     names = _named(columns, where) if kind == OWN else ()

@@ -89,7 +89,7 @@ def _frame_row(rows: Sequence[Sequence[str]], least: int, program: str) -> int:
     """Number of the row that begins with Frame. GroundError where fewer than `least` rows are above it."""
     found = next((n for n, cells in enumerate(rows) if cells[:1] == ["Frame"]), -1)
     if found < least:
-        raise GroundError("an export of %s without the row that begins with Frame" % program)
+        raise GroundError("the %s export lacks the row that begins with Frame" % program)
     return found
 
 
@@ -104,7 +104,7 @@ def _motive(lines: Sequence[str]) -> Head:
     bodies = next((cells for cells in above if "Name" in cells[:2]), None)
     what, axes = above[-1], rows[last]
     if bodies is None:
-        raise GroundError("an export of Motive without the row of names")
+        raise GroundError("the Motive export lacks its row of names")
     unit = words.unit(said.get("Length Units", "")) or "m"
     order = said.get("Rotation Type", "Quaternion")
     found = Head(last + 1, [], order="" if order == "Quaternion" else order)
@@ -129,7 +129,7 @@ def _note_bodies(head: Head, program: str, unit: str) -> None:
     bodies = list(dict.fromkeys(name.split(".")[0] for name in head.names if ".position." in name))
     if not bodies:
         raise GroundError(
-            "an export of %s without rigid bodies: export the rigid body of the craft, because markers "
+            "the %s export has no rigid bodies: export the rigid body of the craft, because markers "
             "have no heading" % program
         )
     head.euler = tuple(b for b in bodies if head.order and b + ".rotation.w" not in head.names)
@@ -145,13 +145,13 @@ def _qualisys(lines: Sequence[str]) -> Head:
     facts = {cells[0].upper(): cells[1:] for cells in rows if len(cells) > 1}
     if facts.get("DATA_INCLUDED", ["6D"])[0] != "6D":
         raise GroundError(
-            "an export of Qualisys with markers (%s): export 6D data, because markers have no heading"
+            "the Qualisys export has markers (%s): export 6D data, because markers have no heading"
             % facts["DATA_INCLUDED"][0]
         )
     ends = [{cell.split(" ")[-1] for cell in cells} for cells in rows]
     last = next((n for n, found in enumerate(ends) if found & {"Rot[0]", "Roll", "Yaw"}), -1)
     if last < 0:
-        raise GroundError("an export of Qualisys without a row that names Roll, Pitch and Yaw")
+        raise GroundError("the Qualisys export lacks a row that names Roll, Pitch and Yaw")
     bodies = [_body(name) for name in facts.get("BODY_NAMES", []) if name]
     found = Head(
         last + 1, [], separator, rate=float((facts.get("FREQUENCY") or ["0"])[0] or 0), zero_is_lost=True

@@ -328,7 +328,7 @@ def _check_digits(stamps: Indices, count: int, clock: Clock, where: str) -> None
         return
     step = 1e-9 * float(np.median(np.diff(different))) if len(different) > 1 else 0.0
     raise GroundError(
-        "%s: %d stamps have only %d different value%s%s: their last digits were lost when they were written "
+        "%s: %d stamps have only %d different value%s%s: their last digits were lost in writing "
         "(%%g writes six); rewrite them with all digits (%%.9f) or, where rows are evenly spaced, give "
         "time: {rate: HZ} in the mapping instead of the field %s"
         % (

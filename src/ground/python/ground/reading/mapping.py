@@ -262,7 +262,7 @@ def _plain(value: Any, keys: Tuple[str, ...] = ()) -> Any:
         named = {"off" if key is False else str(key): inner for key, inner in value.items()}
         for key in named if len(keys) > 1 else ():
             if named[key] is None:
-                raise ValueError("%s has no value: put it in" % ".".join((*keys, key)))
+                raise ValueError("%s has no value: add one" % ".".join((*keys, key)))
         return {k: _plain(inner, (*keys, k)) for k, inner in named.items() if inner is not None}
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError("%s is not a finite number" % value)

@@ -47,7 +47,7 @@ def _local(numbers: Array, paths: Sequence[str], where: str, notes: List[str]) -
     valid = np.isfinite(fixes).all(axis=1)
     if not valid.any() or (np.abs(fixes[valid]) > [90, 360]).any():
         raise GroundError(
-            "%s: %s and %s are not latitude and longitude in degrees: they reach from %g to %g and from "
+            "%s: %s and %s are not latitude and longitude in degrees: they range from %g to %g and from "
             "%g to %g" % (where, paths[0], paths[1], *np.ravel(_reach(numbers[:, :2])))
         )
     first = fixes[valid][0]

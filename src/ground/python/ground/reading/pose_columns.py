@@ -134,7 +134,7 @@ def read(
         position, rotation = known.fields()
     else:
         raise GroundError(
-            "%s: it is not known which fields of %s are the pose; name them in a mapping (identify info "
+            "%s: the pose fields of %s are unknown; name them in a mapping (identify info "
             "--write-mapping drafts one)" % (where, kind)
         )
     chosen = _of_body(columns, _body_column(columns, known), poses.body.strip("/"), where, len(stamps))

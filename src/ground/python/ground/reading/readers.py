@@ -50,7 +50,7 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
         if any(OWN <= source.table(topic).keys() for topic in source.topics):
             said += "ground.Recording.from_frame(pandas.read_csv(FILE)) reads a table written by ground; "
         raise GroundError(
-            "%s: %swhich columns are times, poses and commands is not known; identify info %s "
+            "%s: %sthe time, pose and command columns are unknown; identify info %s "
             "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml applies it" % (path, said, path)
         )
     files = recorded_files.contents(path, mapping)

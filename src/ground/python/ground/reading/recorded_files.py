@@ -17,7 +17,7 @@ ULOG = b"ULog\x01\x12\x35"  #: the same of logs of PX4
 MAGICS = (ROS1, MCAP, SQLITE, ULOG)
 BAGS = (".mcap", ".db3")  #: of files of ROS 2
 BESIDE = ("-wal", "-journal")  #: what SQLite keeps beside a file that is not closed
-NO_RECORDING = "not a bag or a ROS 2 bag or a table"
+NO_RECORDING = "neither a bag nor a table"
 FOREIGN = {  # files that other programs export as tables
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "the sheet"), ".mat": "its variables",
     **dict.fromkeys((".h5", ".hdf5", ".pkl"), "its data"),

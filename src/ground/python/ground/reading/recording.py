@@ -104,7 +104,7 @@ class Recording(Plotted):
     digest: str = ""  #: digest of the files' contents; empty: not read from files
     #: text of the mapping that was drafted to read it; empty: none was drafted
     mapping: str = ""
-    #: low-pass of the mocap that all runs of one call decided together; empty: this run decides
+    #: low-pass of the mocap found from all runs of one call; empty: from this run
     decided: "Tuple[Optional[LowPass], ...]" = ()
     known: Dict[str, Any] = field(default_factory=dict, init=False)  #: results of `once`, no part of the run
 
@@ -125,7 +125,7 @@ class Recording(Plotted):
         Parameters
         ----------
         times : array (n,)
-            Times of the poses [s], in any order of arrival.
+            Times of the poses [s], in any order.
         poses : array (n, 3)
             x, y [m], psi [rad], world_ned.
         commands : array (m, c)
@@ -167,7 +167,7 @@ class Recording(Plotted):
             low, high = ranges.get(one, RANGE)
             if np.min(values, initial=low) < low or np.max(values, initial=high) > high:
                 reach = one, values.min(), values.max(), low, high
-                raise GroundError("%s: commands of %s reach from %g to %g, not %g to %g" % (name, *reach))
+                raise GroundError("%s: commands of %s range from %g to %g, not %g to %g" % (name, *reach))
         found = checked(name, rows, sent, "arrays", [], channels, ranges)
         for text in found.warnings:
             errors.warn("%s: %s" % (name, text))
@@ -183,12 +183,12 @@ class Recording(Plotted):
         ----------
         frame : DataFrame
             One row per pose: columns t (seconds, or pandas's times), x, y, psi, and one per channel, by its
-            name in the model. Rows without a command (NaN) have none. Velocities are smoothed from the poses.
+            name in the model. Rows with NaN have no command. Velocities are smoothed from the poses.
         name : str, default 'recording'
             Name of the run.
         channels : sequence of str, optional
             Columns of commands. By default left, right and lift, where there are left and right; else all
-            columns that no pose or velocity has.
+            columns without poses or velocities.
 
         Raises
         ------
@@ -198,7 +198,7 @@ class Recording(Plotted):
         Warns
         -----
         GroundWarning
-            For columns that are not used beside left and right.
+            For unused columns beside left and right.
         """
         import pandas
 
@@ -228,7 +228,7 @@ class Recording(Plotted):
     def with_payload(
         self, mass: float, place: Tuple[float, float] = (0.0, 0.0), inertia: float = 0.0
     ) -> "Recording":
-        """A copy of the run, of a craft that carried a load.
+        """A copy of the run with a load on the craft.
 
         Parameters
         ----------
@@ -525,7 +525,7 @@ def checked(
         bad = ~np.isfinite(rows).all(axis=1)
         if bad.any():
             raise GroundError(
-                "%s: %d of %d %s are not finite, the first is number %d"
+                "%s: %d of %d %s are not finite; the first is number %d"
                 % (path, bad.sum(), len(rows), what, np.argmax(bad) + 1)
             )
         times = rows[:, 0]
@@ -581,14 +581,14 @@ def _limit(
     if low >= limits[0] - room and high <= limits[1] + room:
         outside = int(((values < limits[0] - 1e-9) | (values > limits[1] + 1e-9)).sum())
         warnings.append(
-            "command %s reaches from %.4g to %.4g: %d of %d values are beyond %g to %g and were clipped"
+            "command %s ranges from %.4g to %.4g: %d of %d values are beyond %g to %g and were clipped"
             % (name, low, high, outside, len(values), *limits)
         )
         np.clip(values, *limits, out=values)
         return
     unit = units.command_unit(every[every != 0]) if (every != 0).any() else None
     raise GroundError(
-        "%s: commands must be between %g and %g but reach from %g to %g%s; name their unit, or the values "
+        "%s: commands must be between %g and %g but range from %g to %g%s; name their unit, or the values "
         "off and full, in a mapping (identify info --write-mapping drafts one)%s"
         % (
             path, *limits, every.min(), every.max(),

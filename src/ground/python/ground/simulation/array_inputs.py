@@ -37,5 +37,5 @@ def rows_of(inputs: Any, model: _core.Model) -> Array:
     for name, values, (low, high) in zip(channels, rows[:, 1:].T, ends):
         if values.min() < low or values.max() > high:
             reach = name, values.min(), values.max(), low, high
-            raise GroundError("inputs of %s reach from %g to %g, not %g to %g" % reach)
+            raise GroundError("inputs of %s range from %g to %g, not %g to %g" % reach)
     return rows

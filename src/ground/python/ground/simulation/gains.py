@@ -42,7 +42,7 @@ def read(given: Path) -> Dict[str, float]:
     except (ValueError, RecursionError, yaml.YAMLError) as error:
         raise GroundError("%s: not YAML (%s)" % (path, error))
     if not isinstance(values, dict):
-        raise GroundError("%s: it has to be lines of NAME: NUMBER" % path)
+        raise GroundError("%s: it must be lines of NAME: NUMBER" % path)
     for name, value in values.items():
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not number or not math.isfinite(value):

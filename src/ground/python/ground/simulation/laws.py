@@ -43,7 +43,7 @@ class CheckedLaw:
             if inputs.shape == (len(self._thrusters),) and np.isfinite(inputs).all():
                 return inputs
         wanted = "one finite number for each thruster (%s)" % ", ".join(self._thrusters)
-        raise GroundError("it returned %.80r, and must return %s" % (answer, wanted))
+        raise GroundError("it returned %.80r, but must return %s" % (answer, wanted))
 
 
 def _cause(error: Exception) -> str:

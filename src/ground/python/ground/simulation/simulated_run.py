@@ -67,7 +67,7 @@ class SimulatedRun(Recording):
     #: states of the controller: time [s], state, reason
     stages: List[Tuple[float, str, str]] = field(default_factory=list)
     stopped: str = ""  #: why the controller stopped before its end
-    made_with: str = ""  #: parameters of the run, as recordings.run_settings.document writes them
+    made_with: str = ""  #: parameters of the run, as reading.run_settings.document writes them
     axes: str = AXES  #: world_ned x, y, z in the axes of the mocap
     heading_offset: float = 0.0  #: heading of the rigid body minus the craft's [rad]
     sequence: str = ""  #: how a file of bits was played
@@ -109,7 +109,7 @@ class SimulatedRun(Recording):
 
     @internal
     def sensed(self, seed: int) -> "SimulatedRun":
-        """The same with samples of the craft's gyro and accelerometer at each frame of the mocap."""
+        """The run with samples of the craft's gyro and accelerometer at each frame of the mocap."""
         rows = _core.sense(self.truth_nu, self.truth_nu_dot, seed)
         return replace(
             self, inertial=InertialSamples(self.truth_times + SENSED, rows[:, 0], rows[:, 1:], TELLS)
@@ -117,7 +117,7 @@ class SimulatedRun(Recording):
 
     @internal
     def with_voltage(self, volts: Array, seed: int) -> "SimulatedRun":
-        """The same with the voltage of the battery (k,) [V], as it was at each frame of the mocap, and as
+        """The run with the voltage of the battery (k,) [V], as it was at each frame of the mocap, and as
         the craft measures it.
         """
         noise = VOLTAGE_NOISE * volts.mean() * np.random.default_rng(seed).normal(size=len(volts))

@@ -62,7 +62,7 @@ function show(before) {
 function told(now) {
   const was = now.before || node(now.parent)?.error;
   if (now.kind === "add") window.timing.add.push(performance.now() - begun);
-  if (now.kind === "add") say(`${now.what.replace("add", "Added")}: ${off(was)} before, ${off(now.error)} with it. ${now.helps ? "It helps" : "It is not shown to help"}: ${now.reason}.`, !now.helps);
+  if (now.kind === "add") say(`${now.what.replace("add", "Added")}: ${off(was)} before, ${off(now.error)} with it. ${now.helps ? "It helps" : "Not shown to help"}: ${now.reason}.`, !now.helps);
   if (now.kind === "fit") say(`Fitted: ${off(was)} before, ${off(now.error)} now, each run predicted by a fit to the others.`);
 }
 function number(error, by) {
@@ -180,7 +180,7 @@ function showBars(now) {
     if (now.holdout) rows.push(bar(`held out, seen ${S.opened === 1 ? "once" : S.opened + " times"}`, now.holdout, most, floor, "out"));
     else rows.push(bar("held out, sealed", null, most, floor, "out", open));
   }
-  if (now.kind === "add") rows.push(make("p", {className: "less"}, make("span", {className: now.helps ? "yes" : "no", textContent: now.helps ? "It helps: " : "It is not shown to help: "}), now.reason));
+  if (now.kind === "add") rows.push(make("p", {className: "less"}, make("span", {className: now.helps ? "yes" : "no", textContent: now.helps ? "It helps: " : "Not shown to help: "}), now.reason));
   const old = [...$("bars").querySelectorAll(".now .fill")].map(fill => fill.style.width)[0];
   $("bars").replaceChildren(...rows);
   const fill = $("bars").querySelector(".now .fill"), width = fill.style.width;
@@ -266,7 +266,7 @@ function showTried() {
   if (!entry || !found || S.running.some(one => one.kind === "try")) return;
   const units = $("parsed").dataset.units;
   if (found.failed) $("parsed").textContent = `${units}; ${found.failed}`;
-  else $("parsed").replaceChildren(`${units}; error ${off(found.before)} → ${off(found.after)}: `, make("span", {className: found.helps ? "yes" : "no", textContent: found.helps ? "it helps" : "it is not shown to help"}));
+  else $("parsed").replaceChildren(`${units}; error ${off(found.before)} → ${off(found.after)}: `, make("span", {className: found.helps ? "yes" : "no", textContent: found.helps ? "it helps" : "not shown to help"}));
 }
 function fill(proposal) { for (const c of "XYN") $("f" + c).value = (proposal.expression || {})[c] || ""; triedOf = "offered"; $("own").open = true; check(); }
 
@@ -377,7 +377,7 @@ const stretch = () => [Number($("from").value), Number($("to").value)];
 function showNext() {
   const next = S.search.next;
   if (!next) { $("next").hidden = true; if (S.search.state === "done") $("nexttext").textContent = "Nothing needed: these runs distinguish the effects."; return; }
-  $("nexttext").replaceChildren(`${next.input}: it distinguishes ${next.separates.filter(Boolean).join(" from ")}. The line leaves out the returns that keep the craft in the room. `, make("code", {textContent: next.launch}));
+  $("nexttext").replaceChildren(`${next.input}: it distinguishes ${next.separates.filter(Boolean).join(" from ")}. The plot leaves out the returns that keep the craft in the room. `, make("code", {textContent: next.launch}));
   if ($("next").dataset.of === next.launch) return;
   $("next").hidden = false; $("next").dataset.of = next.launch;
   const room = S.room || [[-2, -2], [2, -2], [2, 2], [-2, 2]], closed = [...room, room[0]];
