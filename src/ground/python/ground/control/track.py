@@ -224,9 +224,7 @@ class _TrackOptions:
     noise: bool = option(False, "mocap noise, and the estimator")
     delay: float = option(0.0, "time from measurement to command [s]", type=seconds, metavar="S")
     rate: float = option(50.0, "decisions per second (%(default)g)", type=positive, metavar="HZ")
-    seed: Optional[int] = option(
-        None, "seed of noise and start (without: starts at the origin)", type=seed
-    )
+    seed: Optional[int] = option(None, "seed of noise and start (without: starts at the origin)", type=seed)
     smooth: bool = option(False, "line, waypoints: start and stop gently")
     settled: Optional[float] = option(None, "time from which errors count [s]", type=seconds, metavar="S")
     end_time: Optional[float] = option(None, "time to which errors count [s]", type=positive, metavar="S")

@@ -97,8 +97,7 @@ def _bench(
     if len(levels) == 1 and min(levels) < 1 - 1e-6:
         raise GroundError(
             "%s: there are forces at the input %g only, so that thrust at full input would be a guess: "
-            "measure others; for an on-off thruster, --inputs says which value is on"
-            % (path, min(levels))
+            "measure others; for an on-off thruster, --inputs says which value is on" % (path, min(levels))
         )
     seen: "CounterType[Tuple[float, ...]]" = Counter()
     repetition = []
