@@ -495,9 +495,28 @@ def test_where_runs_differ_the_answer_says_how_its_model_predicts_an_unknown_run
     found = ground.diagnose(MODEL, [flown(1, 0.9), flown(2, 1.0), flown(3, 1.1)], only=["yaw_bias"])
     assert found.effects == ("yaw_bias",)
     head = " ".join(text for _, text in found.headline())
-    for part in ("thrust differs between runs", "same thrust in all runs", "is what differs between runs"):
+    for part in (
+        "thrust differs between runs",
+        "same thrust in all runs",
+        "comes from differences between runs",
+    ):
         assert part in head, head
     known, written = (found.contents.prediction.errors[name] for name in ("improved", "written"))
     assert written.position_mm > 1.5 * known.position_mm and written.heading_deg > 2 * known.heading_deg
     unknown = ground.compare(found.improved, flown(4, 1.1)).prediction
     assert list(unknown.errors.values())[0].position_mm < 1.5 * written.position_mm
+    ends, errors = found.conf_int(), found.bse
+    half = (ends["high"] - ends["low"]) / 2
+    assert np.allclose(half, 1.96 * errors, rtol=0.1)  # what runs differ by is in both
+
+
+def test_an_effect_that_is_known_only_as_a_whole_is_not_called_zero(unplanned):
+    """Motion shows what the two added masses do, and neither of them."""
+    truth = ground.Model.load(MODEL).with_effect("added_mass", mx=0.004, my=0.012)
+    runs = [
+        ground.simulate(truth, "prbs", duration=10, seed=seed, name="run %d" % seed) for seed in (1, 2, 3)
+    ]
+    found = ground.diagnose(MODEL, runs, only=["added_mass"])
+    assert found.effects == ("added_mass",)
+    answered = dict(found.headline())
+    assert "ertain." in answered["Missing"] and "more runs" not in answered["Next"], answered

@@ -140,6 +140,25 @@ def test_a_recording_of_a_frame_has_what_the_frame_has():
         ground.Recording.from_frame(frame.drop(columns="psi"))
 
 
+def test_a_table_is_read_by_the_names_and_types_of_its_columns():
+    import pandas
+
+    read, run = ground.Recording.from_frame, ground.simulate(MODEL, "prbs", duration=6, seed=4)
+    frame = run.to_frame()
+    strength = ground.fit(MODEL, read(frame), free=["k"]).params["k"]
+    moved = frame[["lift", "right", "left", "psi", "y", "x", "t"]]
+    dates = pandas.Timestamp("2026-03-05", tz="UTC") + pandas.to_timedelta(frame["t"], unit="s")
+    for same in (moved, frame.drop(columns="lift"), frame.assign(t=dates)):
+        assert ground.fit(MODEL, read(same), free=["k"]).params["k"] == pytest.approx(strength, rel=0.01)
+    with pytest.warns(ground.GroundWarning, match="load"):
+        assert read(frame.assign(load=5.0)).channels == run.channels
+    assert read(frame.assign(load=0.5), channels=["load", "lift"]).channels == ("load", "lift")
+    with pytest.warns(ground.GroundWarning, match="seconds"):
+        read(frame.assign(t=1e3 * frame["t"]))
+    with pytest.raises(ground.GroundError, match="seconds"):
+        read(frame.assign(t=1e6 * frame["t"]))
+
+
 @pytest.mark.parametrize(
     "change,words",
     [

@@ -52,7 +52,7 @@ class ModelFailureTest(unittest.TestCase):
         self.assertAlmostEqual(int(start[1]), lost - zero, delta=2.0)
         warned = lambda: any(said.next in m.msg for _, m in self.log.all if m.level == Log.WARN)  # noqa: E731
         harness.wait_for(warned, 5, "a warning in the log")
-        shown = lambda: any("does not predict" in m.text for m in self.legend.message.markers)  # noqa: E731
+        shown = lambda: any("yaw since" in m.text for m in self.legend.message.markers)  # noqa: E731
         harness.wait_for(shown, 10, "a line in the legend")
         self.assertEqual(self.status.message.state, ControllerStatus.RUNNING, self.status.message.reason)
 

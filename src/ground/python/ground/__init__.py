@@ -1,7 +1,7 @@
 """Identification, diagnosis and control of a miniature hovercraft.
 
 `ground.read`, `info`, `fit`, `predict`, `compare`, `diagnose`, `discover`, `history`, `add`, `simulate` and
-`track` return immutable results, mostly as the programs of those names do. SI units; poses x, y [m], psi
+`track` return results, mostly as the programs of those names do. SI units; poses x, y [m], psi
 [rad] in world_ned; velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs
 0..1. A wrong file or argument raises `GroundError` with one line that says what, where and why. What is
 valid but probably a mistake gives a `GroundWarning`.

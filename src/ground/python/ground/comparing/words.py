@@ -1,5 +1,6 @@
 """The first lines of a comparison: which model predicts best, by how much, and what to do next."""
 
+import math
 from typing import List, Optional
 
 from ground.analysis.horizon import PredictionError
@@ -58,4 +59,6 @@ def _next(ranking: Ranking, finds: str, found: Optional[PredictionError]) -> str
         return "record more runs to decide, or use the simplest model"
     if not found:
         return "use %s; record longer runs to measure its prediction error" % best
+    if not math.isfinite(found.mocap.position_mm):
+        return "%s diverges, so its noise floor is unknown; to find what is missing:\n%s" % (best, finds)
     return "use %s: its errors are at the noise floor" % best

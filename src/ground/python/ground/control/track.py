@@ -163,8 +163,8 @@ class Tracking(Shown, Plotted):
         if self.numbers["stopped"]:
             stop = self.stops[0]
             return (
-                "%d of %d runs ended early, the first at %.2f s: %s; give other gains (the program tune "
-                "searches for them) or an easier reference"
+                "%d of %d runs ended early, the first at %.2f s: %s; give other gains (of a craft that comes "
+                "with ground, such as tiny_whoover, or from the program tune) or an easier reference"
                 % (self.numbers["stopped"], len(self.runs), stop["time"], stop["reason"])
             )
         if self.caution:

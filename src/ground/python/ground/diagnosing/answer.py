@@ -149,8 +149,8 @@ def _left(report: DiagnosisReport) -> str:
     agrees, found = report.agreement, report.prediction
     if not agrees.holds or found is None:
         return words.pattern(report) + "."
-    differs = "the differences between runs, " if report.varies else ""
-    told = "the remaining error, %s, is %sa random disturbance" % (off(found.errors["improved"]), differs)
+    is_ = "comes from differences between runs, " if report.varies else "is "
+    told = "the remaining error, %s, %sa random disturbance" % (off(found.errors["improved"]), is_)
     if not _is_chance(report):
         told += " or an effect of something unrecorded"
     return told + (": " + words.common(agrees.common) if agrees.common else "") + "."

@@ -37,7 +37,8 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
 
     only: Optional[Sequence[str]] = option(
         None,
-        "effects to try, from the library and --effects (all but %s)" % ", ".join(candidates.on_request()),
+        "effects of the library to try, besides those in --effects (all but %s)"
+        % ", ".join(candidates.on_request()),
         metavar="EFFECT",
         nargs="+",
     )

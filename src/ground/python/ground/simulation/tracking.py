@@ -89,9 +89,11 @@ def task(
     reference_params = reference(kind, **{**defaults, **settings})
     if window is None:
         window = (0.0, reference_params.extent() + 2 * AFTER_STOP)
-    return TrackingTask(
-        reference_params, window[0] if settled is None else settled, window[1] if until is None else until
-    )
+    until = window[1] if until is None else until
+    settled = min(window[0], until / 2) if settled is None else settled
+    if settled >= until:
+        raise GroundError("errors count from %g to %g s: end_time must be after settled" % (settled, until))
+    return TrackingTask(reference_params, settled, until)
 
 
 def starts(count: int, seed: int, spread: float = SPREAD) -> List[Start]:

@@ -48,7 +48,9 @@ def path_of(given: Any, what: str) -> str:
         return str(os.fspath(given))
     except TypeError:
         kind = type(given).__name__
-        raise GroundError("%s, or the path of its file, is expected here, not %s" % (what, kind)) from None
+        own = next((": its .%s is one" % one for one in ("improved", "model") if hasattr(given, one)), "")
+        text = "%s, or the path of its file, is expected here, not %s%s"
+        raise GroundError(text % (what, kind, own if what == "a model" else "")) from None
 
 
 def delivered(given: Any, what: str, *kinds: str) -> str:

@@ -27,8 +27,9 @@ def with_interval(
 
 def is_as_mocap(error: Iterable[Optional[float]], mocap: Iterable[Optional[float]]) -> bool:
     """Whether an error of predicted poses (position, heading) is at the noise floor, within its
-    scatter over few predictions; None: infinite."""
-    return all(e is not None and (m is None or e <= SCATTER * m) for e, m in zip(error, mocap))
+    scatter over few predictions; None: infinite. No error is at a floor that is not finite."""
+    pairs = [(e, m) for e, m in zip(error, mocap) if e is not None and m is not None and m < math.inf]
+    return len(pairs) == 2 and all(e <= SCATTER * m for e, m in pairs)
 
 
 def beside_mocap(error: Iterable[Optional[float]], mocap: Iterable[Optional[float]]) -> str:

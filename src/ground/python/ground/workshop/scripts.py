@@ -7,8 +7,7 @@ from typing import List, Mapping
 from ground.support import files
 from ground.workshop.session import Session, Stage
 
-FIT = "rosrun ground identify fit %s --model %s -o %s --force%s"
-ADD = "rosrun ground identify add %s %s --model %s -o %s --force%s"
+CALL = "rosrun ground identify %s --model %s -o %s --force%s"
 HEAD = '''"""What was done on the workbench. It prints the error of each model: predictions after %g s."""
 
 import ground
@@ -91,14 +90,14 @@ def shell(session: Session, reading: Mapping[str, object]) -> str:
         more = options + (" --leave-out %s" % " ".join(cuts) if cuts else "")
         if kind == "fit":
             more += " --free " + " ".join(node.parameters or ())
-            lines.append(FIT % (bags, before, file, more))
+            lines.append(CALL % ("fit " + bags, before, file, more))
         else:
             effect = node.effect
             if not isinstance(effect, str):
                 text = _yaml(effect).rstrip("\n")
                 lines += ["cat > effect_%d.yaml <<'EFFECT'" % node.id, text, "EFFECT"]
             name = effect if isinstance(effect, str) else "effect_%d.yaml" % node.id
-            lines.append(ADD % (name, bags, before, file, more))
+            lines.append(CALL % ("add %s %s" % (name, bags), before, file, more))
     return "\n".join([*lines, "cp step_%d.yaml model.yaml" % session.current]) + "\n"
 
 
