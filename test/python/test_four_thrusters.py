@@ -73,7 +73,7 @@ def test_the_loggers_names_and_heading_are_seen_to_be_wrong(described, tmp_path)
     assert verdict.startswith("back_left and front_left seem to be swapped")
     explained = re.search(r"explain (\d+)% of the forces and (\d+)% of the turns", verdict)
     assert min(map(int, explained.groups())) > 30 and "as recorded they explain 0% and 0%" in verdict
-    equal = verdict.split("the same to any motion")[1]  # of which the mapping has the last
+    equal = verdict.split("any motion")[1]  # of which the mapping has the last
     assert "back_left and back_right are swapped" in equal and "off by half a turn" in equal
 
 
