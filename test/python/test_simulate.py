@@ -195,7 +195,7 @@ def test_a_csv_of_times_takes_no_other_timing(tmp_path, text, option):
     csv.write_text(text)
     done = program("identify", "simulate", "--model", MODEL, "--input", csv, "-o", "x.bag", *option)
     assert done.returncode == 2
-    assert "%s does not go with --input" % option[0] in done.stderr
+    assert "%s does not fit --input" % option[0] in done.stderr
 
 
 def test_the_controller_in_the_loop(tmp_path):
@@ -246,8 +246,8 @@ def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
         (["--input", "prbs", "--levels", "0", "1.2"], ["--levels", "1.2 is not between -1 and 1"]),
         (["--input", "prbs", "--seed", "-1"], ["--seed"]),
         (["--input", "prbs", "--loss", "1.5"], ["loss must be between 0 and 1"]),
-        (["--input", "prbs", "--hold", "1"], ["--hold does not go with --input prbs"]),
-        (["--input", "tracking", "--levels", "0", "1"], ["--levels does not go with"]),
+        (["--input", "prbs", "--hold", "1"], ["--hold does not fit --input prbs"]),
+        (["--input", "tracking", "--levels", "0", "1"], ["--levels does not fit"]),
         (["--input", "tracking", "--reference", "square"], ["--reference"]),
         (["--input", "tracking", "--size", "-1"], ["size must be between 0.01 and 100 m, not -1"]),
         (["--input", "prbs", "--start-pose", "0", "0", "inf"], ["not finite"]),
@@ -257,7 +257,7 @@ def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
         (["--input", "prbs", "--trim", "0.5"], ["0.5 is not between 0 and 0.3"]),
         (["--input", "prbs", "--burst", "2"], ["--burst needs --room"]),
         (["--input", "prbs", "--room", ROOM, "--burst", "nan"], ["--burst"]),
-        (["--input", "tracking", "--room", ROOM, "--burst", "2"], ["--burst does not go with"]),
+        (["--input", "tracking", "--room", ROOM, "--burst", "2"], ["--burst does not fit"]),
         ([], ["--input"]),
     ],
 )
