@@ -507,7 +507,7 @@ def test_where_runs_differ_the_answer_says_how_its_model_predicts_an_unknown_run
     assert list(unknown.errors.values())[0].position_mm < 1.5 * written.position_mm
     ends, errors = found.conf_int(), found.bse
     half = (ends["high"] - ends["low"]) / 2
-    assert np.allclose(half, 1.96 * errors, rtol=0.1)  # what runs differ by is in both
+    assert (1.5 * errors < half).all() and (half < 3 * errors).all()  # what runs differ by is in both
 
 
 def test_an_effect_that_is_known_only_as_a_whole_is_not_called_zero(unplanned):
