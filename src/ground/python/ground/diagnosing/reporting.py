@@ -200,8 +200,16 @@ def _chance_of_nothing(step: Step, improved: Parameters) -> float:
     own = [(improved[key], value) for key, value in neutral.items() if key in improved]
     if not all(p.identified for p, _ in own):
         better = ((judged.gain, judged.gain_error), (-judged.rise, judged.rise_error))
-        return min(student_outside(by / error) if by > 0 < error else 1.0 for by, error in better)
+        chances = [_chance_of_rise(by, error) for by, error in better]
+        return min(1.0, len(chances) * min(chances))
     return min((chance_by_interval(p.value, p.ci95, value) for p, value in own), default=0.0)
+
+
+def _chance_of_rise(rise: float, error: float) -> float:
+    """Probability of such a rise by chance, from its standard error; 0: the motion without it diverges."""
+    if not rise > 0:  # or it is not known
+        return 1.0
+    return student_outside(rise / error) if error > 0 else 0.0
 
 
 def _dropped(diagnosis: StepwiseDiagnosis) -> List[DroppedEffect]:
