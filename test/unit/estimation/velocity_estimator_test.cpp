@@ -163,7 +163,9 @@ TEST(VelocityEstimator, FindsACraftThatWasMoved) {
   EXPECT_NEAR(estimator.estimate().nu.z(), 2, 0.02);
 }
 
-TEST(VelocityEstimator, CovarianceIsThatOfTheError) {
+class VelocityErrors : public testing::TestWithParam<double> {};
+
+TEST_P(VelocityErrors, HaveTheCovarianceOfTheEstimate) {
   VelocityEstimator estimator({});
   EstimatorParams params;
   std::mt19937_64 random(3);
@@ -172,7 +174,7 @@ TEST(VelocityEstimator, CovarianceIsThatOfTheError) {
   const int count = 20000;
   for (int i = 0; i < count; ++i) {
     Vector3<double> pose(0.8 * i * kDt, 0, 0.6);
-    for (int k = 0; k < 3; ++k) pose(k) += params.noise(k) * normal(random);
+    for (int k = 0; k < 3; ++k) pose(k) += GetParam() * params.noise(k) * normal(random);
     const StateEstimate& e = estimator.update(i * kDt, pose);
     if (i < 100) continue;
     const Vector2<double> nu = worldToBody<double>(0.6, {0.8, 0.0});
@@ -185,6 +187,8 @@ TEST(VelocityEstimator, CovarianceIsThatOfTheError) {
     EXPECT_LT(ratio(k), 1.1) << k;
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(NoiseRelativeToParams, VelocityErrors, testing::Values(1, 2, 3));
 
 TEST(VelocityEstimator, ToleratesStampsOfAPoll) {
   // Frames at 120 Hz, fetched and stamped by a poll at 100 Hz: as in data/epfl_2019, a fifth of the

@@ -30,15 +30,18 @@ constexpr double kDeafFrom = 5.0;  // [s]
 
 Model craft() { return tinyWhoover(); }
 
-/// A drive by a controller or of the design prbs, with a craft that is faulty from some time on.
+/// A drive by a controller or of the design prbs, with a craft that is faulty from some time on; noise of
+/// x and y [m].
 ExperimentLog drive(const Model& truth, const std::string& kind, double faulty_from, double duration,
-                    unsigned long seed = 1, CraftFault fault = CraftFault::kDeaf) {
+                    unsigned long seed = 1, CraftFault fault = CraftFault::kDeaf,
+                    double noise = MocapParams().position_noise) {
   ModelCraft::Params start;
   start.seed = seed;
   FaultyCraft plant(truth, start, fault, faulty_from);
   ExperimentParams params;
   params.seed = seed;
   params.plant = &plant;
+  params.mocap.position_noise = noise;
   if (kind == "prbs") {
     ExcitationParams excitation;
     excitation.design.seed = seed;
@@ -99,6 +102,15 @@ TEST_P(Obedience, ADeafCraftIsReportedWithinOneAndAHalfSeconds) {
 
 TEST_P(Obedience, AnObedientCraftIsNotReported) {
   EXPECT_EQ(reportedAt(drive(craft(), GetParam(), kNever, 20)), 0);
+}
+
+TEST_P(Obedience, PosesNoisierThanAssumedGiveNoFalseReport) {
+  for (double noise : {1e-3, 1.5e-3})
+    for (unsigned long seed = 1; seed <= 6; ++seed) {
+      const ExperimentLog log = drive(craft(), GetParam(), kNever, 8, seed, CraftFault::kDeaf, noise);
+      EXPECT_EQ(log.stopped + "|" + std::to_string(reportedAt(log)), "|" + std::to_string(0.0))
+          << 1e3 * noise << " mm, seed " << seed;
+    }
 }
 
 TEST_P(Obedience, AModelWrongByAFactorOfTwoGivesNoFalseReport) {

@@ -21,12 +21,21 @@ void IntervalScatter::add(double dt) {
 
 double IntervalScatter::stampNoise() const { return std::sqrt(variance_ / 2); }
 
+void InnovationScatter::add(const MotionFilter& filter) {
+  const Vector3<double> z = filter.innovation().cwiseAbs2().cwiseQuotient(filter.innovationVariance());
+  count_ = std::min(count_ + 1, kMemory);
+  position_ += (0.5 * (z(0) + z(1)) - position_) / count_;
+  heading_ += (z(2) - heading_) / count_;
+}
+
 void VelocityEstimator::publish(const MotionFilter& motion) {
   estimate_.eta = motion.position();
   bodyMotion(motion.velocity(), motion.acceleration(), estimate_.eta.z(), estimate_.nu, estimate_.nu_dot);
   // A heading error rotates the velocity: (u, v) += (v, -u) d psi.
   const Vector2<double> turned(estimate_.nu.y(), -estimate_.nu.x());
-  const Eigen::Matrix3d &x = motion.axes()[0].P, &y = motion.axes()[1].P, &psi = motion.axes()[2].P;
+  const Eigen::Matrix3d x = innovations_.excess(0) * motion.axes()[0].P,
+                        y = innovations_.excess(1) * motion.axes()[1].P,
+                        psi = innovations_.excess(2) * motion.axes()[2].P;
   estimate_.eta_covariance.diagonal() << x(0, 0), y(0, 0), psi(0, 0);
   Matrix3<double>& C = estimate_.nu_covariance;
   // x and y have the same model and noise, so rotation into the body frame preserves their mean.
@@ -73,6 +82,7 @@ const StateEstimate& VelocityEstimator::update(double stamp, const Vector3<doubl
   params_.stamp_noise = std::max(given_.stamp_noise, scatter_.stampNoise());
   const MotionFilter::Pose pose = filter_.add(stamp, eta, params_);
   const bool used = pose == MotionFilter::Pose::kUsed;
+  if (used) innovations_.add(filter_);
   publish(used ? withSensors(stamp, eta) : filter_);
   if (pose == MotionFilter::Pose::kRejected) return reject("the pose jumped");
   if (!used) {

@@ -12,6 +12,7 @@
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
+#include <cstdio>
 #include <limits>
 #include <memory>
 #include <mutex>
@@ -144,9 +145,24 @@ class MocapState : public Shell {
     if (!used) log_.warn(name + "do not count: " + estimator_.inertial().status());
   }
 
+  /// Warns of poses that are noisier than their settings, once until these are set again.
+  void reportNoise() {
+    const InnovationScatter& found = estimator_.innovations();
+    const double times = std::sqrt(std::max(found.excess(0), found.excess(2)));
+    if (noisy_ || times < kNoisy) return;
+    noisy_ = true;
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "mocap_state: poses are %.1f times as noisy as position_noise and heading_noise; set these "
+                  "to the noise that `identify info` prints",
+                  times);
+    log_.warn(text);
+  }
+
   void apply(const Config& c) {
     const std::lock_guard lock(mutex_);
     estimator_.setParams(paramsIn<EstimatorParams>(c));
+    noisy_ = false;
     if (c.heading_offset != wanted_offset_) measureBy(axes_, c.heading_offset);
     wanted_offset_ = c.heading_offset;
     timeout_ = c.timeout;
@@ -196,6 +212,7 @@ class MocapState : public Shell {
     last_pose_ = steadyNow();
     if (was_stale) wake_.notify_all();
     reportSensors();
+    reportNoise();
     const std::string doubt = estimate.valid ? doubts() : estimate.status;
     publish(estimate, estimate.valid && doubt.empty(), doubt);
     if (estimate.used) publishOdometry(estimate);
@@ -309,6 +326,7 @@ class MocapState : public Shell {
   }
 
   static constexpr double kLook = 0.02;  // longest interval of reading the clock [s]
+  static constexpr double kNoisy = 1.7;  // scatter of poses relative to their settings that is reported
   static constexpr double kNever = -std::numeric_limits<double>::infinity();
 
   Background log_;
@@ -342,7 +360,7 @@ class MocapState : public Shell {
   std::unique_ptr<tf2_ros::TransformBroadcaster> broadcaster_;
   ros::Publisher state_publisher_, odometry_publisher_, settings_publisher_;
   ros::Subscriber subscriber_, sensors_;
-  bool has_sensors_ = false, sensors_used_ = false;
+  bool has_sensors_ = false, sensors_used_ = false, noisy_ = false;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
 };
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include "ground/estimation/inertial_fusion.h"
 #include "ground/estimation/motion_filter.h"
 #include "ground/model/types.h"
@@ -38,14 +40,29 @@ class IntervalScatter {
   double mean_ = 0, variance_ = 0;  // [s], [s^2]
 };
 
+/// How much larger the innovations of a filter are than it expects: a mean of z = y^2 / S (Bar-Shalom et al.
+/// 2001, (5.4.2-3)), 1 if poses are as noisy as assumed.
+class InnovationScatter {
+ public:
+  void add(const MotionFilter& filter);
+  /// Factor of the variances of x and y (axes 0, 1) or psi (axis 2), at least 1.
+  double excess(int axis) const { return std::max(1.0, axis < 2 ? position_ : heading_); }
+
+ private:
+  static constexpr int kMemory = 200;  // poses
+
+  int count_ = 0;
+  double position_ = 1, heading_ = 1;
+};
+
 /// Estimates velocities from poses and their stamps by a Kalman filter of MotionFilter's model.
 ///
 /// Ignores repeated and slightly late stamps; restarts after a long gap or a jump back in time.
 /// Rejects impossible poses (spikes, flipped headings, NaN). The estimate stays valid over up to
 /// three rejected poses, a count that each accepted pose lowers by one. It restarts after five
 /// consecutive rejected poses that are consistent with each other. The noise of stamps is the
-/// scatter of their intervals, or params.stamp_noise if that is larger. No allocation after
-/// construction.
+/// scatter of their intervals, or params.stamp_noise if that is larger. Covariances grow where poses scatter
+/// more than params say. No allocation after construction.
 class VelocityEstimator {
  public:
   explicit VelocityEstimator(const EstimatorParams& params) : params_(params), given_(params) {}
@@ -61,6 +78,7 @@ class VelocityEstimator {
   /// The craft's sensors, which make velocities better but never valid; see InertialFusion.
   InertialFusion& inertial() { return inertial_; }
   const StateEstimate& estimate() const { return estimate_; }
+  const InnovationScatter& innovations() const { return innovations_; }
 
  private:
   void publish(const MotionFilter& motion);
@@ -71,6 +89,7 @@ class VelocityEstimator {
   StateEstimate estimate_;
   EstimatorParams given_;
   IntervalScatter scatter_;
+  InnovationScatter innovations_;
   int accepted_ = 0;  ///< number of used poses since the start
   int rejected_ = 0;  ///< number of rejected poses minus those used since; at least 0
   MotionFilter filter_;

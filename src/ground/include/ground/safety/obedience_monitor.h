@@ -77,7 +77,8 @@ class ObedienceMonitor {
   void addExplanations();
   Evidence noEvidence() const { return Evidence::Zero(static_cast<Eigen::Index>(others_.size())); }
   Vector3<double> predict(const Dynamics<double>& dynamics, const InputSequence& inputs, double time) const;
-  Interval compare(const Sample& now) const;
+  Interval compare(Sample& now) const;
+  static void correct(Sample& now, const Vector3<double>& predicted, const Vector3<double>& grown);
   Evidence evidenceOfOthers(double duration) const;
   std::vector<const Explanation*> likely(double duration, Eigen::Index best) const;
   RigidState<double> centre(const RigidState<double>& seen) const;

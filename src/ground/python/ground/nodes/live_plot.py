@@ -41,6 +41,16 @@ STATUS_COLORS = {
 }
 
 
+class ValueAxis(pg.AxisItem):
+    """An axis with two labelled values or more, however low its diagram is."""
+
+    def tickSpacing(self, minVal: float, maxVal: float, size: float) -> List[Tuple[float, float]]:
+        """Spacing and offset of the ticks of one level, in the axis's units."""
+        half = (maxVal - minVal) / 2
+        decade = 10.0 ** math.floor(math.log10(half)) if half > 0 else 1.0
+        return [(max(n for n in (1, 2, 5) if n * decade <= half or n == 1) * decade, 0.0)]
+
+
 class Diagram:
     """A drawn Panel."""
 
@@ -146,7 +156,12 @@ class LivePlot(QtWidgets.QWidget):
             column.addWidget(line)
         view = pg.GraphicsLayoutWidget()
         self.diagrams = [
-            Diagram(panel, view.addPlot(j, i), feed.duration, panel is panels[-1])
+            Diagram(
+                panel,
+                view.addPlot(j, i, axisItems={"left": ValueAxis("left")}),
+                feed.duration,
+                panel is panels[-1],
+            )
             for i, panels in enumerate(COLUMNS)
             for j, panel in enumerate(panels)
         ]
