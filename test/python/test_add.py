@@ -166,3 +166,21 @@ def test_bad_input_is_refused_with_a_reason(tmp_path, lagging):
     out.write_text("mine")
     assert identify("add", "motor_lag", bag, "--model", MODEL, "-o", out).returncode == 1
     assert out.read_text() == "mine"
+
+
+def test_a_true_effect_that_a_push_hides_is_not_denied():
+    import ground
+
+    craft = ground.Model.load(MODEL)
+    truth = craft.with_effect("floor_tilt", sx=0.0035, sy=-0.002)
+    answers = []
+    for first in (0, 2, 4, 6):
+        runs = [
+            ground.simulate(
+                truth, "multilevel-prbs", duration=20, disturbance=[0.02, 0.5], seed=s, name=str(s)
+            )
+            for s in (first, first + 1)
+        ]
+        answers.append(str(ground.add(craft, "floor_tilt", runs)))
+    assert any("not clear" in answer for answer in answers)
+    assert not any("keep the model without" in answer for answer in answers)

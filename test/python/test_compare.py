@@ -211,3 +211,24 @@ def test_every_verb_has_the_same_error_of_the_same_model():
     of_run = compared.runs[0].models[0].numbers["horizons"]
     assert alone.position_mm in [row["position_mm"] for row in of_run]
     assert added.prediction.errors["without"] == fit.prediction.errors["fitted"]
+
+
+def test_a_model_that_knows_its_disturbance_needs_no_diagnosis():
+    import ground
+
+    craft = ground.Model.load(MODEL)
+    runs = [
+        ground.simulate(craft, "multilevel-prbs", duration=40, disturbance=[0.04, 0.5], seed=s, name=str(s))
+        for s in (11, 12, 13)
+    ]
+    force, moment = 0.04 * 2 * craft["k"], 0.04 * craft["k"] * craft["l"]
+    knows = ground.Model.parse(
+        craft.format()
+        + "disturbance:\n  sigma: {X: %g, Y: %g, N: %g}\n" % (force, force, moment)
+        + "  time: {X: 0.5, Y: 0.5, N: 0.5}\n"
+    )
+    for model, asks in ((craft, True), (knows, False)):
+        assert ("ground.diagnose" in str(ground.compare({"this": model}, runs))) == asks
+    lagging = craft.with_effect("motor_lag", tau=0.15)
+    runs = [ground.simulate(lagging, "multilevel-prbs", duration=40, seed=s, name=str(s)) for s in (14, 15)]
+    assert "ground.diagnose" in str(ground.compare({"this": knows}, runs))

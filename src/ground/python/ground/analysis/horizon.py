@@ -191,14 +191,15 @@ def prediction_error(
     seconds: float,
     models: Mapping[str, ModelsAt],
     truth: _core.Model,
+    levels: Optional[Mapping[str, float]] = None,
 ) -> Optional[PredictionError]:
-    """The PredictionError of models by name, over starts() of runs; None where runs are too short. truth: see
-    with_floors."""
+    """The PredictionError of models by name, over starts() of runs; None where runs are too short. truth,
+    levels: see with_floors."""
     at = Starts.of(runs, seconds)
     if not len(at.windows):
         return None
     errors = {name: PoseError.of(at.errors(runs, own(at.windows))) for name, own in models.items()}
-    return with_floors(runs, at, errors, truth)
+    return with_floors(runs, at, errors, truth, levels)
 
 
 def with_floors(

@@ -1,7 +1,7 @@
 """The error of models over windows: fits to it, errors on held-out data, and their noise floor."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -378,6 +378,17 @@ def pushes(run: _core.RunData, levels: Mapping[str, float], random: Random) -> T
         wrench[:, i] = slow + white
     room = [_slow(steps, levels["sigma_room"], levels["time_room"], random) for _ in "xy"]
     return wrench, np.column_stack(room)
+
+
+def levels_of(disturbance: _core.Disturbance) -> Optional[Dict[str, float]]:
+    """Levels for pushes of a model's own disturbance, without its trim; None where it has none."""
+    sigma, time, white = (np.array(getattr(disturbance, name)) for name in ("sigma", "time", "white"))
+    if not (sigma.any() or white.any()):
+        return None
+    levels = {"sigma_room": 0.0, "time_room": 1.0}
+    for channel, s, t, w in zip("XYN", sigma, np.where(sigma > 0, time, 1.0), white):
+        levels.update({"sigma_" + channel: s, "time_" + channel: t, "white_" + channel: w})
+    return levels
 
 
 def _slow(steps: Array, sigma: float, time: float, random: Random) -> Array:

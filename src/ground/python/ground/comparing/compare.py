@@ -11,7 +11,7 @@ from typing import Any, Dict, Iterable, Iterator, List, Mapping, Sequence, Tuple
 import numpy as np
 
 from ground.analysis import comparison, horizon
-from ground.analysis.window_error import noise_floor
+from ground.analysis.window_error import levels_of, noise_floor
 from ground.comparing.ranking import Ranking, equally_good
 from ground.comparing.result import ROLES, ComparedModel, Comparison, RunComparison, prepare
 from ground.data import bag_arguments
@@ -156,7 +156,8 @@ def _conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison
     floor = float(noise_floor(data, best).sum())
     seconds = horizon.horizon(data, best)
     each = {label: horizon.same(model.core) for label, model in models.items()}
-    prediction = horizon.prediction_error(data, seconds, each, best)
+    levels = levels_of(best.disturbance)
+    prediction = horizon.prediction_error(data, seconds, each, best, levels)
     for label in models:  # over all starts, as the tables have it
         for row in comparison.numbers([s.evaluation for s in _studies(ranked, label)])["horizons"]:
             if prediction and row["seconds"] == seconds and row["starts"]:

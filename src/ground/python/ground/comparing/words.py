@@ -1,6 +1,7 @@
 """The first lines of a comparison: which model predicts best, by how much, and what to do next."""
 
 import math
+from dataclasses import astuple
 from typing import List, Optional
 
 from ground.analysis.horizon import PredictionError
@@ -8,6 +9,7 @@ from ground.comparing.ranking import Ranking
 from ground.reports import words
 from ground.reports.words import listed, off
 from ground.support.headline import Line
+from ground.support.quantities import is_as_mocap
 
 SLIGHTLY = 1.1  # ratio of the errors of two models below which one is slightly better
 
@@ -19,7 +21,7 @@ def lines(ranking: Ranking, found: Optional[PredictionError], file: str, page: s
     head = [("Best" if len(ranking.errors) > 1 else "Model", _best(ranking, found))]
     if found:
         shown = ["%s %s" % (label, off(error)) for label, error in found.errors.items()]
-        told = "%s (noise floor: %s)" % ("; ".join(shown), off(found.mocap))
+        told = "%s (noise floor: %s%s)" % ("; ".join(shown), off(found.mocap), _pushed(best, found))
         head.append((words.after(found.seconds), told))
     finds = "ground.diagnose(comparison.models[%r], RECORDINGS)" % best
     if page:
@@ -46,6 +48,12 @@ def _best(ranking: Ranking, found: Optional[PredictionError]) -> str:
     return "%s - it %s these runs %s times as well as %s." % (best, does, words.two_digits(ratio), others[0])
 
 
+def _pushed(best: str, found: PredictionError) -> str:
+    """What the best model's own random disturbance leaves, behind the noise floor."""
+    known = found.disturbed and words.is_pushed(found)
+    return "; with the random disturbance of %s: %s" % (best, off(found.disturbed)) if known else ""
+
+
 def _next(ranking: Ranking, finds: str, found: Optional[PredictionError]) -> str:
     """What to do next; finds: the command that finds what is missing."""
     best, more = ranking.best, words.more_acts(found, ranking.best, finds)
@@ -53,10 +61,15 @@ def _next(ranking: Ranking, finds: str, found: Optional[PredictionError]) -> str
         asked = "which model predicts better" if len(ranking.errors) > 1 else "how well it predicts"
         used = listed(ranking.fitted)
         return "record other runs to learn %s: these were used to fit %s" % (asked, used)
-    if more:
+    explained = (
+        found and found.disturbed and is_as_mocap(astuple(found.errors[best]), astuple(found.disturbed))
+    )
+    if more and not explained:
         return more
     if ranking.equal:
         return "record more runs to decide, or use the simplest model"
+    if more:
+        return "use %s: its random disturbance explains its errors" % best
     if not found:
         return "use %s; record longer runs to measure its prediction error" % best
     if not math.isfinite(found.mocap.position_mm):
