@@ -1,6 +1,7 @@
 """identify diagnose as a user runs it: it names the missing effect and writes a model with it."""
 
 import argparse
+import dataclasses
 import html
 import json
 import re
@@ -520,3 +521,20 @@ def test_an_effect_that_is_known_only_as_a_whole_is_not_called_zero(unplanned):
     assert found.effects == ("added_mass",)
     answered = dict(found.headline())
     assert "ertain." in answered["Missing"] and "more runs" not in answered["Next"], answered
+
+
+def test_a_craft_that_is_changed_in_a_run_is_not_diagnosed_with_certainty():
+    from ground.reading.run_settings import LiveChange
+
+    craft = ground.Model.load(MODEL)
+    lagging = craft.with_effect("motor_lag", tau=0.06)
+    run = ground.simulate(lagging, "multilevel-prbs", duration=20, seed=3)
+    start = max(run.pose_times[0], run.control_times[0])
+    changed = dataclasses.replace(run, changes=[LiveChange(start + 12, "/simulator", "k_factor", "1", "0.7")])
+    whole = str(ground.diagnose(craft, changed, only=["motor_lag"]))
+    assert "not confirmed" in whole and "k_factor" in whole and "--to 12" in whole
+    part = str(ground.diagnose(craft, changed, only=["motor_lag"], end=11.5))
+    assert "ertain" in part and "k_factor" not in part
+    assert "k_factor" in str(ground.info(changed)) and "k_factor" not in str(ground.info(run))
+    other = dataclasses.replace(run, changes=[LiveChange(start + 12, "/controller", "k_factor", "1", "0.7")])
+    assert "not confirmed" not in str(ground.diagnose(craft, other, only=["motor_lag"]))

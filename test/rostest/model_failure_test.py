@@ -46,7 +46,7 @@ class ModelFailureTest(unittest.TestCase):
         zero = max(heard.all[0][1].header.stamp.to_sec() for heard in (self.state, self.controls))
         self.assertAlmostEqual(said.failing_since[YAW], lost - zero, delta=2.0)
         self.assertIn("yaw since %.1f s" % said.failing_since[YAW], said.failure)
-        command = r"^rosrun ground identify diagnose BAG --model \S+tiny_whoover.yaml --from (\d+)$"
+        command = r"^rosrun ground identify diagnose BAG --model \S+tiny_whoover.yaml --from (\d+) -o \S+$"
         start = re.match(command, said.next)
         self.assertTrue(start, said.next)
         self.assertAlmostEqual(int(start[1]), lost - zero, delta=2.0)

@@ -50,7 +50,9 @@ ground_library(model)
 # The headers of effects take most of the time to compile.
 file(GLOB sources CONFIGURE_DEPENDS ${ground_source_dir}/src/model/*.cpp)
 set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
-set_target_properties(ground_model PROPERTIES UNITY_BUILD ON)
+if(NOT DEFINED CMAKE_UNITY_BUILD OR CMAKE_UNITY_BUILD) # mutants and sanitizers build each file by itself
+  set_target_properties(ground_model PROPERTIES UNITY_BUILD ON)
+endif()
 # A pair of numbers that were just stored one by one would have to wait until it can be loaded at once.
 set_property(SOURCE ${ground_source_dir}/src/model/dynamics.cpp APPEND PROPERTY
   COMPILE_OPTIONS -fno-tree-vectorize)

@@ -239,7 +239,7 @@ class LiveComparison : public Shell {
       const double from = std::floor(since.array().isFinite().select(since, kMax).minCoeff());
       message.failure = "has not predicted " + failing;
       message.next = "rosrun ground identify diagnose BAG --model " + c.file + " --from " +
-                     std::to_string(std::max(0L, std::lround(from)));
+                     std::to_string(std::max(0L, std::lround(from))) + " -o diagnosis";
     }
     if (message.failure == std::exchange(c.failure, message.failure)) return;
     if (failing.empty()) {

@@ -356,11 +356,12 @@ def findings(d: Document) -> Iterator[str]:
         if sign * d["controls"][key] > least:
             yield text % (sign * d["controls"][key])
     yield from (text for _, text in _left_out(d))
-    for change in d["changes"][:MAX_CHANGES]:
+    changes = [one for one in d["changes"] if not suspicions.is_of_craft(one["node"], one["name"])]
+    for change in changes[:MAX_CHANGES]:
         ends = change["before"] or "''", change["after"] or "''"
         yield "changed at %(time).2f s: %(node)s: %(name)s " % change + "%s -> %s" % ends
-    if len(d["changes"]) > MAX_CHANGES:
-        yield "%d more live changes (info --json lists them)" % (len(d["changes"]) - MAX_CHANGES)
+    if len(changes) > MAX_CHANGES:
+        yield "%d more live changes (info --json lists them)" % (len(changes) - MAX_CHANGES)
     if d["same_inputs_as"]:
         yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
 

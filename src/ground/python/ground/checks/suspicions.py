@@ -4,6 +4,7 @@ Nothing is changed: another unit, axis or channel is the user's to choose. A che
 Recording in CHECKS.
 """
 
+import math
 from dataclasses import asdict, dataclass, replace
 from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
@@ -12,12 +13,13 @@ from scipy import constants
 
 from ground import _core
 from ground.checks import angle_signs, imitations, layouts, other_clocks, reply
-from ground.checks.quality import repaired
+from ground.checks.quality import RepairedRun, repaired
 from ground.poses import kinematics, scatter
 from ground.reading import units
 from ground.reading.recording import Recording, once
 from ground.support.errors import GroundError
 
+CHANGED = "changed"  # kind: the craft of a run changed
 MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
 FINEST = 5e-6  # no mocap measures a craft that moves more precisely [m]
 TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]
@@ -34,8 +36,11 @@ CLEAR = 2.5  # least evidence of another clock, in its standard errors
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
 MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
 # Kinds of mistakes that effects of a model can also explain: heading_offset, input_delay, other thrust,
-# thruster_gain; missing commands, at which motion hints only; and a low-pass of poses, which is undone.
-EXPLAINED = ("offset", "delay", "command", "weak", "missing", "smoothed")
+# thruster_gain; missing commands, at which motion hints only; a low-pass of poses, which is undone; and a
+# craft that changed.
+EXPLAINED = ("offset", "delay", "command", "weak", "missing", "smoothed", CHANGED)
+SIMULATOR = "simulator"  # node
+CRAFT = ("model", *(name + "_factor" for name in ("k", "m", "I_z", "X_u", "Y_v", "N_r")))  # its craft's
 MIN_TURNING = 4  # thrusters that turn the craft, from which one that does not stands out
 WEAK = 0.5  # share of the moment that its place promises, below which a thruster is weak
 Thrusters = Tuple[layouts.Thruster, ...]
@@ -69,7 +74,8 @@ class Suspicion:
 
 def sentence(d: Mapping[str, object]) -> str:
     """A described Suspicion in words, without the recordings."""
-    return "%s; if so: %s" % (d["evidence"], d["remedy"])
+    joint = ": " if d["kind"] == CHANGED else "; if so: "  # a change is recorded, no suspicion
+    return joint.join([str(d["evidence"]), str(d["remedy"])])
 
 
 @once
@@ -77,6 +83,26 @@ def of(recording: Recording) -> List[Suspicion]:
     """The Suspicions of a Recording."""
     every = (one for check in CHECKS for one in check(recording))
     return [replace(one, runs=(recording.name,)) for one in every]
+
+
+def changed(run: RepairedRun, start: float = 0.0, end: float = math.inf) -> Iterator[Suspicion]:
+    """Whether somebody changed the simulated craft between two times of a run [s], so that no model fits."""
+    every = [(one.time - run.zero, one) for one in run.recording.changes]
+    found = [(time, one) for time, one in every if is_of_craft(one.node, one.name) and start < time < end]
+    if found:
+        texts = ["%s %s -> %s at %.2f s" % (c.name, c.before, c.after, time) for time, c in found]
+        before, after = math.floor(10 * found[0][0]) / 10, math.ceil(10 * found[-1][0]) / 10
+        yield Suspicion(
+            CHANGED,
+            "the simulated craft changed (%s), so one model cannot fit the whole run" % ", ".join(texts),
+            "use a part without the change, --to %.1f or --from %.1f" % (before, after),
+            (run.recording.name,),
+        )
+
+
+def is_of_craft(node: str, name: str) -> bool:
+    """Whether a parameter of a node, when changed, changes the simulated craft."""
+    return node.strip("/") == SIMULATOR and name in CRAFT
 
 
 def about(recordings: Sequence[Recording], model: Optional[_core.Model]) -> List[Suspicion]:

@@ -6,7 +6,7 @@ from ground.analysis.horizon import PredictionError
 from ground.comparing.ranking import Ranking
 from ground.reports import appearance, figures, page, studies
 from ground.reports.inspection import Inspection
-from ground.reports.words import off
+from ground.reports.words import listed, off
 from ground.support.annotations import Document, Plotly
 from ground.support.headline import Line
 
@@ -50,4 +50,5 @@ def predictions(ranking: Ranking, found: Optional[PredictionError]) -> Optional[
     labels = list(reversed(list(ranking.errors)))
     told = off(found.errors[ranking.best]), ranking.best, off(found.mocap)
     title = "Predictions are off by %s with %s; the noise floor is %s" % told
-    return figures.predictions(found, list(zip(labels, labels)), title, ranking.fitted)
+    seen = listed(ranking.fitted) + " was" if ranking.fitted else "no model was"
+    return figures.predictions(found, list(zip(labels, labels)), title, "that %s fitted to" % seen)

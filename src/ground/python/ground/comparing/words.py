@@ -43,6 +43,12 @@ def _best(ranking: Ranking, found: Optional[PredictionError]) -> str:
     if not found:
         return "%s - it %s these runs better than %s." % (best, does, listed(others))
     ratio = words.ratio(found.errors[others[0]], found.errors[best])
+    if ratio < 1:
+        return "%s - its error over windows is the least, but it predicts no better than %s after %.3g s." % (
+            best,
+            others[0],
+            found.seconds,
+        )
     if ratio < SLIGHTLY:
         return "%s - it %s these runs slightly better than %s." % (best, does, listed(others))
     return "%s - it %s these runs %s times as well as %s." % (best, does, words.two_digits(ratio), others[0])

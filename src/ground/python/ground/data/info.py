@@ -168,7 +168,7 @@ def _looked_at(
         given = [recording.with_lift_of(model) for recording in given]
     runs = repaired(given, work)
     recordings = [run.recording for run in runs]
-    doubts = suspicions.about(recordings, model)
+    doubts = suspicions.about(recordings, model) + [one for run in runs for one in suspicions.changed(run)]
     described, layout = findings.describe(runs, doubts), ""
     angles = [str(one["channel"]) for one in model.thrusters if one["is_angle"]] if model else []
     if angles:

@@ -1,6 +1,7 @@
 """Recordings: reading them, and choosing the part that models are compared with."""
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Dict, List, Optional, Sequence
 
@@ -154,6 +155,8 @@ def measured(
     runs = repaired(found, work, model.core, others)
     found = [run.recording for run in runs]
     doubts = suspicions.about(found, model.core)
+    for run in runs:
+        doubts += suspicions.changed(run, part.start, math.inf if part.end is None else part.end)
     for d in findings.describe(runs, doubts):
         for finding in findings.grave(d):
             warn("%s: %s" % (d["name"], finding))

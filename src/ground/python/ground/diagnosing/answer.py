@@ -116,6 +116,7 @@ def _answers(report: DiagnosisReport) -> Iterator[str]:
     if report.varies and report.verdict != "varies":
         differ = capital(listed([words.varying(found) for found in report.varies]))
         yield "%s; each prediction estimates it from the preceding poses." % differ
+    yield from (capital(one.evidence) + "." for one in report.changes)
     rest = _rest(report)
     if rest:
         yield rest
@@ -180,6 +181,8 @@ def _certainty(report: DiagnosisReport, step: AddedEffect) -> str:
     """How certain an effect is, and the evidence against it."""
     held, fitted = step.judged.holdout, step.judged.fitted
     sure = _sure(max(step.p_corrected, step.p_interval))
+    if report.changes:
+        return "Seen, not confirmed: the craft changed during these runs"
     if held and held.is_worse:
         return "Contradicted by the runs that you held out: predictions of them are worse with it"
     if held and not held.is_better:
@@ -268,6 +271,8 @@ def _undecided(report: DiagnosisReport, depends: bool) -> str:
 def _next(report: DiagnosisReport, folder: str) -> str:
     """What to do next; commands stand on lines of their own."""
     kind, proposed = report.verdict, report.next_experiment
+    for one in report.changes:
+        return "%s: %s, and diagnose again" % (listed(one.runs), one.remedy)
     nameless, open_still = kind in ("unexplained", "memory"), kind == "missing" and bool(_rest(report))
     if kind == "misread":
         anyway = "add --as-recorded" if folder else "give as_recorded=True"

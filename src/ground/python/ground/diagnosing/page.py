@@ -62,7 +62,8 @@ def predictions(report: DiagnosisReport) -> Optional[Plotly]:
     before, last = (off(found.errors[name]) for name, _ in shown[-2:])
     title = "After %.3g s predictions are off by %s, by %s before; the noise floor is %s"
     told = found.seconds, last, before, off(found.mocap)
-    return figures.predictions(found, shown, title % told)
+    data = "that the refits did not use; the given model is as it was"
+    return figures.predictions(found, shown, title % told, data)
 
 
 def _candidates(report: DiagnosisReport) -> List[List[Any]]:

@@ -317,6 +317,13 @@ class DiagnosisReport:
     unexplained: Unexplained
 
     @property
+    def changes(self) -> List[Mistake]:
+        """Changes of the craft during runs, so that one model cannot fit them."""
+        from ground.checks.suspicions import CHANGED
+
+        return [one for one in self.findings if one.kind == CHANGED]
+
+    @property
     def is_misread(self) -> bool:
         """Whether the recordings look misread."""
         return self.verdict == MISREAD

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     import pandas
 
 
+WORTH = 0.05  # relative fall of the error for which one would add an effect
 FITTING = "fitting without the effect and with it"  # stage
 
 
@@ -50,7 +51,8 @@ class Verdict:
     change: float  #: relative change of the held-out error: -0.1 is 10% less
     ci95: Tuple[float, float]  #: 95% interval of that change, from its scatter over runs (or pieces)
     reason: str  #: why the effect helps or not
-    #: whether its size is not nothing and the error falls, but by no more than chance explains
+    #: whether it may help although chance explains as much: the error falls, and its size or its predictions
+    #: speak for it, or it may fall by more than WORTH
     is_open: bool = False
 
 
@@ -273,7 +275,8 @@ def _verdict(
     tested = errors.get("holdout")
     known = [p for p in own if p.identified]
     contain = bool(known) and all(p.ci95[0] <= neutral[p.name] <= p.ci95[1] for p in known)
-    is_open = change < 0 and bool(known) and not contain and not judged.is_worse
+    speaks = judged.is_better or not contain or ci95[0] < -WORTH
+    is_open = change < 0 and bool(known) and speaks and not judged.is_worse
     if change >= 0 or ci95[1] >= 0:
         helps, reason = False, told if known else "its parameters are not identifiable from these data"
     elif contain and not (len(own) > 1 and judged.is_better):

@@ -314,9 +314,10 @@ class Fit(Shown, Plotted, Estimated):
             )
         if unknown:
             return "fix %s, or record runs with other commands" % words.listed(list(unknown))
+        worse = self.prediction and words.ratio(*(self.prediction.errors[n] for n in ("fitted", "given"))) > 1
         more = words.more_acts(self.prediction, "fitted", words.diagnosing("fit.model", written))
         if more:
-            return more
+            return "the fit predicts no better than the given model; " * bool(worse) + more
         if self.prediction is None:
             return "record longer runs, to measure the prediction error"
         tests = "ground.compare(fit.model, OTHER_RECORDINGS)"

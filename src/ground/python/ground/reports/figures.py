@@ -37,13 +37,10 @@ from ground.support.annotations import Array, Plotly, Style
 LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 
 
-def predictions(
-    found: PredictionError, shown: Sequence[Tuple[str, str]], title: str, fitted: Sequence[str] = ()
-) -> Plotly:
+def predictions(found: PredictionError, shown: Sequence[Tuple[str, str]], title: str, data: str) -> Plotly:
     """Bars of how far predicted poses are off, and the noise floor.
 
-    shown: names and labels of its models, from the top; fitted: labels of those that were fitted to these
-    data.
+    shown: names and labels of its models, from the top; data: what they predict, after "data".
     """
     labels = [wrapped(label, LABEL_WIDTH) for _, label in shown]
     figure = Panels(2, 1, gaps=(0.0, 0.3))
@@ -74,9 +71,8 @@ def predictions(
     figure.update_yaxes(autorange="reversed", automargin=True)
     lines = sum(1 + label.count("<br>") for label in labels)
     caption = (
-        "Root mean square distance between predicted and measured pose, on data that %s. Each prediction "
-        "starts at the measured pose, at velocities from the time before."
-        % (listed(list(fitted)) + " was fitted to" if fitted else "the models were not fitted to")
+        "Root mean square distance between predicted and measured pose, on data %s. Each prediction "
+        "starts at the measured pose, at velocities from the time before." % data
     )
     height = 130 + 12 * len(shown) + 36 * lines
     return figure.finish(height, caption, {"t": 30, "b": 30, "l": 20, "r": 20}, title=title)
