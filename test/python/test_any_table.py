@@ -77,6 +77,14 @@ def same(found, run, places=1e-6, angles=1e-6, channels=("left", "right", "lift"
     assert held == pytest.approx(run.commands[:, : len(channels)], abs=1e-6)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_table_of_one_row_is_refused_without_warnings(tmp_path):
+    path = tmp_path / "small.csv"
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(ground.GroundError, match="small.csv"):
+        ground.read(path)
+
+
 # --- separators, encodings, heads
 
 

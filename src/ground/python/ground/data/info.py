@@ -196,8 +196,8 @@ def run(arguments: argparse.Namespace) -> List[Dict[str, object]]:
     if arguments.output:
         return _write_mapping(arguments)
     model = Model.load(arguments.model).core if arguments.model else None
-    read = [*arguments.bags, *(["--mapping", arguments.mapping] if arguments.mapping else [])]
-    found = _looked_at(list(bag_arguments.read(arguments)), model, arguments.work, read)
+    given, read = list(bag_arguments.read(arguments)), bag_arguments.typed(arguments)
+    found = _looked_at(given, model, arguments.work, read)
     for line in found.lines():
         command_line.say(arguments, line)
     return found.to_dict()
