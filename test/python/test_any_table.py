@@ -85,6 +85,13 @@ def test_a_table_of_one_row_is_refused_without_warnings(tmp_path):
         ground.read(path)
 
 
+def test_a_table_whose_times_begin_at_0_is_not_called_simulated(run, tmp_path):
+    path, draft = written(tmp_path, plain(run, t=run.times - run.times[0])), tmp_path / "draft.yaml"
+    succeeds("info", path, "--write-mapping", draft)
+    printed = succeeds("info", path, "--mapping", draft).stdout
+    assert "simulated" not in printed and "times begin at 0 s" in printed
+
+
 # --- separators, encodings, heads
 
 

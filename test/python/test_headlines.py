@@ -110,6 +110,24 @@ def test_a_command_that_comes_next_reads_the_same_recordings(tmp_path, monkeypat
         assert np.array_equal(found.eta, expected.eta)
 
 
+def test_a_mistake_of_the_recording_is_told_once(tmp_path):
+    swapped = write_bag(tmp_path / "run.bag", change=lambda t, eta, rows: (t, eta, rows[:, [0, 2, 1, 3]]))
+    diagnose = ["diagnose", swapped, "--model", MODEL, "-o", tmp_path / "out"]
+    for arguments in (["info", swapped], diagnose):
+        found = succeeds(*arguments)
+        told = " ".join((found.stdout + found.stderr).split())
+        assert told.count("left and right seem to be swapped") == 1, told
+
+
+def test_numbers_of_a_noisy_run_are_written_out(tmp_path):
+    def noisy(times, eta, inputs):
+        return times, eta + np.random.default_rng(1).normal(size=eta.shape) * [0.31, 0.31, 0], inputs
+
+    assert re.search(
+        r"noise up to \d{3} mm", said_by("info", write_bag(tmp_path / "run.bag", change=noisy))["Poses"]
+    )
+
+
 def test_a_fit_a_comparison_and_an_added_effect(bags, tmp_path):
     fitted, added = tmp_path / "fitted.yaml", tmp_path / "added.yaml"
     fit = said_by("fit", *bags, "--model", MODEL, "-o", fitted)

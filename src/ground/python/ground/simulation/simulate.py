@@ -534,8 +534,9 @@ def run(arguments: argparse.Namespace) -> Dict[str, object]:
 
 def _headline(arguments: argparse.Namespace, model: Model, run: SimulatedRun) -> Iterator[Line]:
     """The first lines: what was recorded, and what to do next."""
-    counts = run.length, len(run.pose_times), run.frames_not_delivered, len(run.control_times)
-    yield "Simulated", "%.2f s, %d poses (%d frames not delivered), %d commands." % counts
+    frames = "frame" if run.frames_not_delivered == 1 else "frames"
+    counts = run.length, len(run.pose_times), run.frames_not_delivered, frames, len(run.control_times)
+    yield "Simulated", "%.2f s, %d poses (%d %s not delivered), %d commands." % counts
     if run.sequence:
         yield "Input", "%s: %s" % (arguments.input, run.sequence)
     if run.marks:
