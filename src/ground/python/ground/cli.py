@@ -37,7 +37,7 @@ class _Parser(argparse.ArgumentParser):
         return super().parse_known_args(given, namespace)
 
     def _is_own(self, word: str) -> bool:
-        """Whether the words up to this one are this parser's, not those of a verb, and may be options."""
+        """Whether the words up to this one are for this parser, not for a verb, and may be options."""
         return word != "--" and (self._subparsers is None or word.startswith("-"))
 
     def error(self, message: str) -> NoReturn:
