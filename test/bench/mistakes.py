@@ -291,10 +291,10 @@ SUSPECTS = re.compile(r"seem|if so:|do not fit|looks like")
 
 
 def info(run, folder):
-    """All that info says of a Recorded."""
+    """All that info says of a Recorded, without the line breaks in its first lines."""
     path, mapping = run.write(folder)
     result = identify("info", path, "--mapping", mapping)
-    return result.stdout + result.stderr
+    return re.sub(r"\n {8,}", " ", result.stdout + result.stderr)
 
 
 def mistaken(number, folder, table=MISTAKES, base=0):

@@ -77,6 +77,21 @@ def same(found, run, places=1e-6, angles=1e-6, channels=("left", "right", "lift"
     assert held == pytest.approx(run.commands[:, : len(channels)], abs=1e-6)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_table_of_one_row_is_refused_without_warnings(tmp_path):
+    path = tmp_path / "small.csv"
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(ground.GroundError, match="small.csv"):
+        ground.read(path)
+
+
+def test_a_table_whose_times_begin_at_0_is_not_called_simulated(run, tmp_path):
+    path, draft = written(tmp_path, plain(run, t=run.times - run.times[0])), tmp_path / "draft.yaml"
+    succeeds("info", path, "--write-mapping", draft)
+    printed = succeeds("info", path, "--mapping", draft).stdout
+    assert "simulated" not in printed and "times begin at 0 s" in printed
+
+
 # --- separators, encodings, heads
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL
+from conftest import MODEL, recording_of, simulate_run
 from ground import _core
 from ground.checks import findings, quality, suspicions
 from test_hulls import boat, recorded
@@ -68,7 +68,7 @@ def looked_at(run):
 
 
 @pytest.mark.parametrize("odd", list(ODD))
-@pytest.mark.filterwarnings("ignore::ground.GroundWarning")
+@pytest.mark.filterwarnings("ignore::ground.GroundWarning", "error::RuntimeWarning")
 def test_every_verb_gives_a_result_or_a_sentence(odd):
     times, eta, at, commands = ODD[odd](*flown())
     run = said_or_found(ground.Recording.from_arrays, times, eta, commands, at)
@@ -81,6 +81,14 @@ def test_every_verb_gives_a_result_or_a_sentence(odd):
     found = said_or_found(ground.diagnose, MODEL, run, only=["yaw_bias"])
     if "at once" in odd and "commands" not in odd:  # nothing is wrong with the motion
         assert found.effects == ("yaw_bias",)
+
+
+def test_a_command_that_changes_once_at_the_end_of_a_short_run_is_no_error():
+    times, eta, inputs = simulate_run(duration=3.0)
+    times, eta, inputs = times[100:190], eta[100:190], inputs[14:29]
+    inputs[1:, 1:] = inputs[0, 1:]
+    inputs[-1, 1] += 0.5
+    assert isinstance(looked_at(recording_of(times, eta, inputs)), list)
 
 
 def test_a_slow_craft_is_diagnosed_whose_poses_come_twice_at_once():

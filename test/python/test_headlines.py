@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, identify, succeeds, with_effect, write_bag
+from conftest import MODEL, identify, simulate_run, succeeds, with_effect, write_bag
+from ground import cli
 from ground.analysis.distributions import chance_by_interval
 from ground.analysis.horizon import PoseError
+from ground.data import bag_arguments
 from ground.diagnosing import answer
 from ground.diagnosing.report import DiagnosisReport, ScreenedEffect
 from ground.reports.words import least
@@ -22,6 +24,19 @@ from ground.support.quantities import with_interval
 
 ERROR = r"(\d+(\.\d+)? (mm|m), \d+(\.\d+)? deg|not finite)"
 PREDICTION = r"Prediction after [\d.]+ s: +%s -> %s \((?:at the )?noise floor: %s" % (ERROR, ERROR, ERROR)
+MAPPING = """schema: ground/mapping/1
+poses:
+  position: {fields: [px, py], unit: m}
+  heading: {field: yaw, unit: rad}
+  axes: "x, y, z"
+  time: {field: time, unit: s}
+commands:
+  time: {field: time, unit: s}
+  channels:
+    left: {field: u1, unit: normalised}
+    right: {field: u2, unit: normalised}
+    lift: {field: u3, unit: normalised}
+"""
 LABEL = r"^([A-Z][^:]{2,21}): +\S"
 
 
@@ -60,6 +75,57 @@ def diagnosed(bags, tmp_path_factory):
     out = tmp_path_factory.mktemp("diagnosed") / "out"
     options = ["--model", MODEL, "--only", "motor_lag", "input_delay", "-o", out]
     return said_by("diagnose", *bags, *options), out
+
+
+def read_by(command):
+    """The recordings that a command of `identify` reads."""
+    rosrun, package, program, *given = shlex.split(command)
+    assert (rosrun, package, program) == ("rosrun", "ground", "identify")
+    return bag_arguments.read(cli._parser(given[:1]).parse_args(given))
+
+
+def test_a_command_that_comes_next_reads_the_same_recordings(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    truth = with_effect(tmp_path / "truth.yaml", "{name: yaw_bias, n0: 2.0e-5}")
+    times, eta, inputs = simulate_run(model=truth)
+    rows = np.column_stack([times, eta, inputs[np.searchsorted(inputs[:, 0], times, side="right") - 1, 1:]])
+    names = ["time", "px", "py", "yaw", "u1", "u2", "u3"]
+    np.savetxt("a run.csv", rows, "%.9f", ",", header=",".join(names), comments="")
+    (tmp_path / "m 2.yaml").write_text(MAPPING)
+    reading = ["a run.csv", "--mapping", "m 2.yaml", "--heading-offset", 0.1, "--leave-out", "a run=1,1.5"]
+    model = ["--model", MODEL, "-o"]
+    verbs = {
+        "info": ["info", *reading],
+        "fit": ["fit", *reading, *model, "fitted.yaml"],
+        "add": ["add", "yaw_bias", *reading, *model, "added.yaml"],
+        "compare": ["compare", *reading, *model, "compared", "--numbers"],
+    }
+    printed = {verb: succeeds(*given).stdout for verb, given in verbs.items()}
+    commands = {v: re.findall(r"^    (rosrun .*)$", text, re.M) for v, text in printed.items()}
+    assert commands["info"] and commands["fit"] and commands["compare"], printed
+    (expected,) = bag_arguments.read(cli._parser(["info"]).parse_args([str(a) for a in verbs["info"]]))
+    for command in sum(commands.values(), []):
+        (found,) = read_by(command)
+        assert found.identity == expected.identity, command
+        assert np.array_equal(found.eta, expected.eta)
+
+
+def test_a_mistake_of_the_recording_is_told_once(tmp_path):
+    swapped = write_bag(tmp_path / "run.bag", change=lambda t, eta, rows: (t, eta, rows[:, [0, 2, 1, 3]]))
+    diagnose = ["diagnose", swapped, "--model", MODEL, "-o", tmp_path / "out"]
+    for arguments in (["info", swapped], diagnose):
+        found = succeeds(*arguments)
+        told = " ".join((found.stdout + found.stderr).split())
+        assert told.count("left and right seem to be swapped") == 1, told
+
+
+def test_numbers_of_a_noisy_run_are_written_out(tmp_path):
+    def noisy(times, eta, inputs):
+        return times, eta + np.random.default_rng(1).normal(size=eta.shape) * [0.31, 0.31, 0], inputs
+
+    assert re.search(
+        r"noise up to \d{3} mm", said_by("info", write_bag(tmp_path / "run.bag", change=noisy))["Poses"]
+    )
 
 
 def test_a_fit_a_comparison_and_an_added_effect(bags, tmp_path):

@@ -7,7 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from conftest import MODEL, fails, identify, json_of, simulate_run, slow, succeeds, write_bag
+from conftest import MODEL, fails, identify, json_of, program, simulate_run, slow, succeeds, write_bag
 
 TRUTH = {"I_z": 8.8e-5, "X_u": 0.0055, "Y_v": 0.0271, "N_r": 4.62e-5, "k": 0.062}
 
@@ -311,6 +311,32 @@ def test_bad_usage_is_status_2(arguments):
     result = identify(*arguments)
     fails(result, "identify%s" % verb, "-h", status=2)
     assert not arguments or result.stderr.count("\n") == 1  # what is wrong, and where options are listed
+
+
+FIT = ["fit", "a.bag", "--model", "m", "-o", "o"]
+
+
+@pytest.mark.parametrize(
+    "arguments, wrong, right",
+    [
+        ([*FIT, "--detail"], "--detail", "--details"),
+        ([*FIT, "--maping=m2.yaml"], "--maping", "--mapping"),
+        (["fit", "a.bag", "--modle", "m", "-o", "o"], "--modle", "--model"),  # --model is missing, too
+        ([*FIT, "--starts", "0", "--windw", "3"], "--windw", "--window"),  # a value is wrong, too
+        (["info", "a.bag", "--axis", "x, y, z"], "--axis", "--axes"),
+        (["info", "a.bag", "-json"], "-json", "--json"),
+        (["--verson"], "--verson", "--version"),
+    ],
+)
+def test_a_misspelt_option_is_named_with_the_nearest(arguments, wrong, right):
+    told = "there is no option %s (did you mean %s?)" % (wrong, right)
+    fails(identify(*arguments), told, status=2)
+
+
+def test_a_program_of_one_verb_names_a_misspelt_option_too():
+    told = "track: there is no option --sized (did you mean --size?)"
+    fails(program("track", "--sized", 3), told, status=2)
+    fails(program("track", "--nothing-like-it"), "there is no option --nothing-like-it (track", status=2)
 
 
 @pytest.mark.parametrize(

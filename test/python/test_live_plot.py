@@ -244,7 +244,11 @@ def test_the_plot_ends_after_its_picture(tmp_path):
     uri = "http://localhost:%d" % port
     with master(port):
         wait_for(lambda: answers(uri), 30, "a master")
-        program = plot("--picture", tmp_path / "plot.png", "--after", 1, ROS_MASTER_URI=uri)
-        err = program.communicate(timeout=60)[1]
+        program = plot(
+            *["--picture", tmp_path / "plot.png", "--after", 1], ROS_MASTER_URI=uri, XDG_RUNTIME_DIR=""
+        )
+        out, err = program.communicate(timeout=60)
     assert program.returncode == 0 and "Traceback" not in err
+    assert str(tmp_path / "plot.png") in out and len(out.splitlines()) == 1
+    assert "Qt" not in err and "plugin" not in err
     assert (tmp_path / "plot.png").stat().st_size > 5000

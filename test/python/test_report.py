@@ -1,6 +1,7 @@
 """report.html in a browser: plots are drawn, nothing is fetched or cut off, zoom is linked."""
 
 import json
+import re
 import resource
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from browsing import assert_fits, assert_sound, open_page
 from conftest import MODEL, succeeds, with_effect, write_bag
 from ground import cli
+from ground.reports import page
 
 TRUTH = "{name: motor_lag, tau: 0.06}"
 
@@ -63,6 +65,12 @@ def test_a_disk_that_fills_while_the_page_is_written_keeps_the_numbers(tmp_path,
     if verb == "diagnose":  # the advice of the message works
         assert cli.main(arguments + ["--force"]) == 0
         assert (out / "report.html").exists()
+
+
+def test_options_in_a_text_are_not_broken_after_a_dash():
+    found = page._unbroken("<b> (--all keeps them), a--b, --leave-out RUN")
+    assert re.findall(r'<span class="whole">(.*?)</span>', found) == ["--all", "--leave-out"]
+    assert found.startswith("&lt;b&gt;")
 
 
 def test_the_page_of_a_diagnosis(diagnosed, browser):

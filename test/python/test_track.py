@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+import ground
 from conftest import MODEL, ROOT, program, succeeds
 
 TABLE_4_1 = ROOT / "cfg" / "hovercraft" / "tiny_whoover_4_1.yaml"
@@ -154,6 +155,15 @@ def test_a_craft_that_loses_the_circle_is_stopped_with_time_and_reason(tmp_path)
     assert found["max"] > 1 and found["stops"] == []
     found = track("--model", real, "--noise", "--controller", "ModelPredictive")
     assert found["rms"] < 0.005 and found["max_error"] == 0.5 and found["stopped"] == 0
+
+
+def test_a_reference_that_is_too_fast_is_named_before_the_gains(craft):
+    gains = GAINS / "tiny_whoover.yaml"
+    found = ground.track(craft, gains=gains, rate_of_turn=5.0)
+    told = dict(found.headline())
+    assert found.stopped and told["Next"].startswith("choose an easier reference")
+    assert found.caution in told["Next"] and "gains" not in told["Next"]
+    assert "not finite" not in told["Distance"] and "1 of 1" in told["Distance"]
 
 
 def test_effects_that_the_controller_does_not_use_are_reported_or_refused():

@@ -6,13 +6,17 @@ when its verb is used: all of them take a third of a second.
 
 import argparse
 import importlib
+import itertools
 import json
 import os
+import re
 import sys
 from typing import Any, Iterator, NamedTuple, NoReturn, Optional, Sequence
 
 from ground.support import completion, errors, files, progress
 from ground.support.errors import did_you_mean
+
+OPTION = re.compile(r"--?[a-zA-Z]\S*$")  # a word that can be nothing else
 
 
 class _Parser(argparse.ArgumentParser):
@@ -21,11 +25,22 @@ class _Parser(argparse.ArgumentParser):
     def __init__(self, **more: Any) -> None:
         super().__init__(allow_abbrev=False, **more)
 
-    def error(self, message: str) -> NoReturn:
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parses the arguments after their options are known to exist, whatever else is wrong with them."""
+        given = list(sys.argv[1:] if args is None else args)
         known = [one for action in self._actions for one in action.option_strings]
-        wrong = [w for w in sys.argv[1:] if w.startswith("--") and w.split("=")[0] not in known]
-        if wrong and "required" in message:
-            message = "there is no option %s%s" % (wrong[0], did_you_mean(wrong[0], known))
+        for word in itertools.takewhile(self._is_own, given):
+            name = word.split("=")[0] if word.startswith("--") else word[:2]
+            if OPTION.match(word) and name not in known:
+                wrong = word.split("=")[0]
+                self.error("there is no option %s%s" % (wrong, did_you_mean(wrong, known, 0.7)))
+        return super().parse_known_args(given, namespace)
+
+    def _is_own(self, word: str) -> bool:
+        """Whether the words up to this one are for this parser, not for a verb, and may be options."""
+        return word != "--" and (self._subparsers is None or word.startswith("-"))
+
+    def error(self, message: str) -> NoReturn:
         self.exit(2, "%s: %s (%s --help lists the options)\n" % (self.prog, message, self.prog))
 
 

@@ -23,7 +23,8 @@ std::string TunableInfo::rangeError(const Setting& setting) const {
   std::snprintf(range, sizeof range, " must be between %g and %g", low, high);
   char given[40];
   std::snprintf(given, sizeof given, ", not %g", *value);
-  return name + range + (unit.empty() || unit == "-" ? "" : " " + unit) + given;
+  const bool is_range = unit.find("..") != std::string::npos;
+  return name + range + (unit.empty() || unit == "-" || is_range ? "" : " " + unit) + given;
 }
 
 namespace detail {

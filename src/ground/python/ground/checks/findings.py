@@ -187,7 +187,7 @@ def _controls_of(run: RepairedRun) -> Document:
 def when(begins: float) -> str:
     """When a recording begins, by its first stamp [s]."""
     if begins < CENTURY:
-        return "from %.2f s on of a simulated clock" % begins
+        return "without a date; times begin at %.4g s" % begins
     moment = datetime.datetime.fromtimestamp(begins, datetime.timezone.utc)
     return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
 

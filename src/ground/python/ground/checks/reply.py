@@ -287,7 +287,7 @@ def _turned(rows: Array, angle: Array) -> Array:
 def fading(recording: Recording, lag: float) -> Optional[Tuple[float, float, float]]:
     """Share of a command's effect that is left while it holds, in the quarter of its ages with the least; its
     standard error; the mean age there [s]. lag: of the motion behind the commands [s]. None where the motion
-    does not resolve the ages."""
+    does not resolve the ages, or no command acts."""
     sent = recording.control_times
     left = rest(recording, recording.thrusters, lag=lag)
     if left is None:
@@ -303,6 +303,8 @@ def fading(recording: Recording, lag: float) -> Optional[Tuple[float, float, flo
     block, quarter = np.arange(len(ages)) * BLOCKS // len(ages), np.searchsorted(ends, ages)
     some = [[(quarter == q) & (block != b) for q in range(4)] for b in range(-1, BLOCKS)]
     effects = np.array([[both[s].sum() / (own[s].sum() or np.nan) for s in row] for row in some])
+    if np.isnan(effects[0]).all():
+        return None
     most = int(np.nanargmax(effects[0]))  # a quarter may be empty, of ages that repeat
     least = most + int(np.nanargmin(effects[0, most:]))
     shares = effects[:, least] / effects[:, most]

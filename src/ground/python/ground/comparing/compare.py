@@ -214,7 +214,7 @@ def run(arguments: argparse.Namespace) -> Dict[str, object]:
         found = compare(models, recordings, options=chosen, progress=arguments.work)
     with arguments.work.stage(result_folder.WRITING):
         place = found.save(arguments.output, not arguments.numbers, arguments.force)
-    command_line.say_result(arguments, found, place)
+    bag_arguments.say_result(arguments, found, place)
     command_line.write_mat(arguments, found)
     with open(numbers) as file:
         return dict(json.load(file))

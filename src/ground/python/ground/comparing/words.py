@@ -23,9 +23,7 @@ def lines(ranking: Ranking, found: Optional[PredictionError], file: str, page: s
         shown = ["%s %s" % (label, off(error)) for label, error in found.errors.items()]
         told = "%s (noise floor: %s%s)" % ("; ".join(shown), off(found.mocap), _pushed(best, found))
         head.append((words.after(found.seconds), told))
-    finds = "ground.diagnose(comparison.models[%r], RECORDINGS)" % best
-    if page:
-        finds = "rosrun ground identify diagnose BAGS --model %s -o diagnosis" % (file or "MODEL")
+    finds = words.diagnosing("comparison.models[%r]" % best, page and (file or "MODEL"))
     head.append(("Next", _next(ranking, finds, found)))
     return head + [("Details", page)] * bool(page)
 

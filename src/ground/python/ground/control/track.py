@@ -149,6 +149,8 @@ class Tracking(Shown, Plotted):
             error += " (%s to %s rms from 5 to 95%% of the starts)" % ends
         if self.noise is False:
             error += ", without noise of the mocap"
+        if not np.isfinite(numbers["rms"]):
+            error = "not known, because %d of %d runs ended early" % (numbers["stopped"], len(self.runs))
         followed = "%s on %s, %g to %g s%s" % (self.controller, self.reference, *self.window, starts)
         return [
             ("Followed", followed),
@@ -162,10 +164,13 @@ class Tracking(Shown, Plotted):
         """What to do next."""
         if self.numbers["stopped"]:
             stop = self.stops[0]
-            return (
-                "%d of %d runs ended early, the first at %.2f s: %s; give other gains (of a craft that comes "
-                "with ground, such as tiny_whoover, or from the program tune) or an easier reference"
-                % (self.numbers["stopped"], len(self.runs), stop["time"], stop["reason"])
+            ended = "%d of %d runs ended early, the first at %.2f s: %s"
+            ended %= (self.numbers["stopped"], len(self.runs), stop["time"], stop["reason"])
+            if self.caution:
+                return "choose an easier reference: %s; %s" % (self.caution, ended)
+            return ended + (
+                "; give other gains (of a craft that comes with ground, such as tiny_whoover, or from the "
+                "program tune) or an easier reference"
             )
         if self.caution:
             return "choose an easier reference, or accept the error: " + self.caution

@@ -2,7 +2,9 @@
 
 import argparse
 import os
-from dataclasses import dataclass
+import re
+import shlex
+from dataclasses import dataclass, fields
 from typing import Any, Callable, Dict, Iterator, List, Sequence, Tuple, Type
 
 from ground.data import measured as api
@@ -14,6 +16,7 @@ from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.command_line import option
 from ground.support.errors import GroundError
+from ground.support.results import Shown
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,38 @@ def reading_options(arguments: argparse.Namespace) -> Document:
     if "types" in found:
         found["types"] = [os.path.abspath(path) for path in found["types"]]
     return found
+
+
+def _options_typed(arguments: argparse.Namespace) -> Iterator[str]:
+    """The options of add_reading_arguments, as a command line gives them."""
+    for one in fields(reader.ReadingOptions):
+        value = getattr(arguments, one.name)
+        if value not in (None, ()):
+            yield "--" + one.name.replace("_", "-")
+            yield from map(str, value if isinstance(value, (list, tuple)) else [value])
+    if arguments.leave_out:
+        yield "--leave-out"
+        yield from ("%s=%r,%r" % (name, *span) for name, span in arguments.leave_out)
+
+
+def typed(arguments: argparse.Namespace) -> List[str]:
+    """The recordings and the options to read them, as a command line gives them."""
+    as_recorded = ["--as-recorded"] * getattr(arguments, "as_recorded", False)
+    return [*arguments.bags, *_options_typed(arguments), *as_recorded]
+
+
+def with_bags(arguments: argparse.Namespace, line: str) -> str:
+    """A line of a result, with what `typed` gives for BAGS in its command; OTHER_BAGS remain, to be read with
+    the same options."""
+    read = {"BAGS": typed(arguments), "OTHER_BAGS": ["OTHER_BAGS", *_options_typed(arguments)]}
+    return re.sub(r"\b(OTHER_)?BAGS\b", lambda found: " ".join(map(shlex.quote, read[found.group()])), line)
+
+
+def say_result(arguments: argparse.Namespace, found: Shown, written: str) -> None:
+    """Prints a result that was written to a file or folder, with commands that read the same recordings."""
+    for line in found.lines(written):
+        command_line.say(arguments, with_bags(arguments, line))
+    command_line.say_details(arguments, found.details())
 
 
 def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:
@@ -146,7 +181,7 @@ def run_fit(
         progress=arguments.work,
     )
     found.save(arguments.output, arguments.force)
-    command_line.say_result(arguments, found, arguments.output)
+    say_result(arguments, found, arguments.output)
     if "mat" in arguments:
         command_line.write_mat(arguments, found)
     return {"model": arguments.output, **found.to_dict()}

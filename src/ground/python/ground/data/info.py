@@ -17,6 +17,7 @@ from ground.models import Model, ModelLike
 from ground.reading import mapping, readers, recorded_files
 from ground.reading.gathered import CAME_LATE
 from ground.reading.recording import NOT_SECONDS, Recording
+from ground.reports import words
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.docstrings import internal
@@ -79,28 +80,35 @@ class Info(Shown):
         rate = min(float(d["poses"]["rate"]) for d in self.runs)
         yield (
             "Poses",
-            "%.4g Hz or more; noise up to %.2g mm, %.2g deg" % (rate, 1e3 * position, math.degrees(heading)),
+            "%.4g Hz or more; noise up to %s, %s deg"
+            % (rate, words.millimetres(1e3 * position), words.two_digits(math.degrees(heading))),
         )
-        doubtful = {d["name"]: odd for d in self.runs for odd in [_worst(d)] if odd}
+        doubtful = self._doubtful()
         if self.doubts:
             yield "Next", "look at " + self.doubts[0]
         elif doubtful:
-            yield "Next", "look at %s: %s" % (", ".join(doubtful), next(iter(doubtful.values()))[0])
+            yield "Next", "look at %s: %s" % (", ".join(doubtful), next(iter(doubtful.values())))
         elif self.read:
             fits = "rosrun ground identify fit %s --model MODEL -o fitted.yaml"
             yield "Next", "nothing to correct; fit a model:\n" + fits % " ".join(map(shlex.quote, self.read))
         else:
             yield "Next", "nothing to correct; fit a model:\nground.fit(MODEL, RECORDINGS)"
 
+    def _doubtful(self) -> Dict[str, str]:
+        """The worst of each run that has to be looked at before it is used, by its name."""
+        return {d["name"]: odd[0] for d in self.runs for odd in [_worst(d)] if odd}
+
     @internal
     def table(self) -> Iterator[str]:
-        """What each recording contains, and what is odd in it."""
+        """What each recording contains, and what is odd in it besides what the first lines tell."""
+        told = [] if self.doubts else list(self._doubtful().items())[:1]
         for i, d in enumerate(self.runs):
             yield from [""] * (i > 0) + [d["name"]]
             for name, value in findings.facts(d):
                 yield "  %-11s %s" % (name, value)
             for finding in findings.findings(d):
-                yield "  - %s" % finding
+                if (d["name"], finding) not in told:
+                    yield "  - %s" % finding
             for line in self.mappings.get(d["name"], "").splitlines():
                 yield "  | " + line
         if self.layout:
@@ -196,8 +204,8 @@ def run(arguments: argparse.Namespace) -> List[Dict[str, object]]:
     if arguments.output:
         return _write_mapping(arguments)
     model = Model.load(arguments.model).core if arguments.model else None
-    read = [*arguments.bags, *(["--mapping", arguments.mapping] if arguments.mapping else [])]
-    found = _looked_at(list(bag_arguments.read(arguments)), model, arguments.work, read)
+    given, read = list(bag_arguments.read(arguments)), bag_arguments.typed(arguments)
+    found = _looked_at(given, model, arguments.work, read)
     for line in found.lines():
         command_line.say(arguments, line)
     return found.to_dict()

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ground.checks import suspicions
     from ground.checks.quality import RepairedRun
 
-REPAIRING = "repairing recordings"  # stage
+CHECKING = "checking recordings"  # stage
 WORTH_REPAIRING = 2e4  # poses from which several processes repair recordings sooner
 
 
@@ -38,7 +38,7 @@ def repaired(
 
     thrusters = suspicions.judged_by(found, model)
     poses = sum(len(recording.eta) for recording in found)
-    with work.stage(REPAIRING, len(found)):
+    with work.stage(CHECKING, len(found)):
         if len(found) > 1 and poses > WORTH_REPAIRING:
             known = Workers(processes=True).map(functools.partial(_repaired, thrusters), found)
             for recording, one in zip(found, work.each(known)):
@@ -157,12 +157,15 @@ def measured(
     doubts = suspicions.about(found, model.core)
     for run in runs:
         doubts += suspicions.changed(run, part.start, math.inf if part.end is None else part.end)
-    for d in findings.describe(runs, doubts):
-        for finding in findings.grave(d):
-            warn("%s: %s" % (d["name"], finding))
-    for one in doubts:
-        if len(one.runs) > 1:
-            warn(one.sentence)
+    told = [
+        "%s: %s" % (d["name"], text) for d in findings.describe(runs, doubts) for text in findings.grave(d)
+    ]
+    told += [one.sentence for one in doubts if len(one.runs) > 1]
+    # Unless misread recordings are used anyway, the refusal or the answer tells the first reason.
+    misread = [one.sentence for one in doubts if one.misread and not getattr(part, "as_recorded", True)]
+    for text in told:
+        if text not in misread[:1]:
+            warn(text)
     voltage.note_missing(model, found)
     data = [part.of(run, model) for run in runs]
     return Measured(found, data, doubts)

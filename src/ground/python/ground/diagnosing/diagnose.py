@@ -285,7 +285,7 @@ def run(arguments: argparse.Namespace) -> Document:
     """Runs identify diagnose; returns what --json prints."""
 
     def say(line: str) -> None:
-        command_line.say(arguments, line)
+        command_line.say(arguments, bag_arguments.with_bags(arguments, line))
 
     command_line.check_mat(arguments)
     with result_folder.kept_if_used(arguments.output):

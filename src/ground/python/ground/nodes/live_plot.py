@@ -4,6 +4,7 @@ import html
 import math
 import os
 import signal
+import sys
 import time
 from typing import Dict, List, Optional, Tuple
 
@@ -27,6 +28,8 @@ WIDEST = 2.5  # an axis this many times longer than its curves need is shortened
 LONGEST_NAME = 16  # characters; longer names of models are cut off in titles
 NOTE, BAD = appearance.LESS, appearance.WARNING
 SMOOTH = 0.15  # reach of the smoothed line's weights [s]
+# Begins of messages of Qt that tell a user nothing
+QT_NOISE = ("QStandardPaths: XDG_RUNTIME_DIR not set", "This plugin does not support")
 PAUSED = "<b>Paused.</b> Space goes on."
 SIZES = ("error", "noise")
 HELP = (
@@ -312,11 +315,18 @@ def check_display() -> None:
         )
 
 
+def _qt_said(kind: object, where: object, text: str) -> None:
+    """Prints a message of Qt as Qt does, unless it is noise."""
+    if not text.startswith(QT_NOISE):
+        print(text, file=sys.stderr)
+
+
 def show(feed: Feed, picture: str = "", after: float = 0.0, force: bool = False) -> None:
     """Shows a feed until the window is closed or a signal ends it.
 
     picture: PNG file that is written `after` [s], whereupon the window closes. force: overwrites it.
     """
+    QtCore.qInstallMessageHandler(_qt_said)
     # pg.mkQApp would make Qt scale everything by the screen's resolution, including curves.
     application = QtWidgets.QApplication.instance() or QtWidgets.QApplication(["plot"])
     window = LivePlot(feed)
@@ -330,5 +340,6 @@ def show(feed: Feed, picture: str = "", after: float = 0.0, force: bool = False)
         application.processEvents()
         if picture and time.monotonic() > end:
             window.save(picture, force)
+            print("written to %s" % picture, flush=True)
             return
         time.sleep(REDRAW)

@@ -235,7 +235,7 @@ def _rows(lines: Sequence[str], head: Head, notes: List[str]) -> Tuple[List[str]
     usual = Counter(counts.tolist()).most_common(1)[0][0]
     most, short = max(usual, width), counts < min(usual, width)
     keep = counts <= most
-    if not short[:-1].mean() > RAGGED:
+    if not short[:-1].sum() > RAGGED * len(short[:-1]):
         keep &= ~short
     if short[-1] and not keep[-1]:
         notes.append("the last line is truncated and left out")

@@ -25,7 +25,7 @@ def speed(times: Array, positions: Array, step_time: float = SPEED_STEP) -> floa
     (n, k), over steps of some time [s]."""
     order = np.argsort(times, kind="stable")
     times, positions = times[order], positions[order]
-    ahead = np.searchsorted(times, times + step_time)
+    ahead = np.searchsorted(times, times + step_time, side="right")
     inside = ahead < len(times)
     if not inside.any():
         return 0.0

@@ -8,9 +8,11 @@ import functools
 import gzip
 import json
 import os
+import re
 from typing import Any, List, Sequence
 
 import jinja2
+from markupsafe import Markup, escape
 
 from ground.reports import appearance, words
 from ground.support import files, origin
@@ -34,13 +36,18 @@ def write(path: str, template: str, title: str, color: str, force: bool = False,
 
     loader = jinja2.FileSystemLoader(ROOT)
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["sentence"] = words.sentence
+    environment.filters.update(sentence=words.sentence, unbroken=_unbroken)
     environment.globals.update(
         add=add, figures=figures, plotly=_plotly, colors=appearance, origin=origin, folder=os.getcwd(),
         numbers_head=["#" * (i > 1) + name for i, name in enumerate(appearance.NUMBERS)],
     )  # fmt: skip
     text = environment.get_template(template).render(title=title, color=color, **values)
     files.write_text(path, text, force)
+
+
+def _unbroken(text: object) -> Markup:
+    """A text as HTML, whose options such as --all are not broken after a dash."""
+    return Markup(re.sub(r"(?<![\w-])--[a-z][a-z-]*", r'<span class="whole">\g<0></span>', str(escape(text))))
 
 
 def write_figures(path: str, figures: Sequence[Plotly], force: bool = False) -> None:

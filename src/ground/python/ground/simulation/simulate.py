@@ -265,7 +265,7 @@ def simulate(
             battery=_battery(options),
         )
     except ValueError as error:
-        raise OptionError("{why}", why=error) from None
+        raise _refused(error) from None
     if options.imu:
         run = run.sensed(options.seed)
     return replace(
@@ -277,6 +277,14 @@ def simulate(
         made_with=run_settings.document(drive.parameters(mover)),
         files={"truth": run_settings.RunFile(mover.path or "truth.yaml", mover.format())},
     )
+
+
+def _refused(error: Exception) -> OptionError:
+    """What is wrong with an option; where the text begins with the option's name, it can be told as on the
+    command line."""
+    name, _, why = str(error).partition(" ")
+    is_option = name in (one.name for one in fields(SimulateOptions))
+    return OptionError("{0} {why}", name, why=why) if is_option else OptionError("{why}", why=error)
 
 
 def _warn_of_neutral(model: Model) -> None:
@@ -344,7 +352,7 @@ class _Drive:
         try:
             signal = experiments.design(kind, duration or DURATION, self._craft, **options)
         except ValueError as error:
-            raise OptionError("{why}", why=error) from None
+            raise _refused(error) from None
         timed = kind == "file" and not signal.description  # rows under a header, not bits
         self._refuse_unused("lifted" if signal.has_lift else "timed" if timed else kind)
         length = duration or signal.end * (experiments.WITH_RETURNS if timed and self.room else 1)
@@ -382,7 +390,7 @@ class _Drive:
             params.controller = gains.choice(self.options.get("controller", params.controller.kind))
             params.reference = loop.reference(self.options.get("reference", "circle"), **settings)
         except GroundError as error:
-            raise OptionError("{why}", why=error) from None
+            raise _refused(error) from None
         if self.room is not None:
             leaves = _core.leaves_room(params.reference, self.room.core)
             if leaves:
@@ -526,8 +534,9 @@ def run(arguments: argparse.Namespace) -> Dict[str, object]:
 
 def _headline(arguments: argparse.Namespace, model: Model, run: SimulatedRun) -> Iterator[Line]:
     """The first lines: what was recorded, and what to do next."""
-    counts = run.length, len(run.pose_times), run.frames_not_delivered, len(run.control_times)
-    yield "Simulated", "%.2f s, %d poses (%d frames not delivered), %d commands." % counts
+    frames = "frame" if run.frames_not_delivered == 1 else "frames"
+    counts = run.length, len(run.pose_times), run.frames_not_delivered, frames, len(run.control_times)
+    yield "Simulated", "%.2f s, %d poses (%d %s not delivered), %d commands." % counts
     if run.sequence:
         yield "Input", "%s: %s" % (arguments.input, run.sequence)
     if run.marks:
