@@ -152,9 +152,8 @@ async function dragAll() {
   busyAll = false;
 }
 async function commit() {
-  const values = {...draft};
   dragging = false;
-  if (Object.keys(values).length) await act("set", {node: S.current, values});
+  if (Object.keys(draft).length) await act("set", {node: S.current, values: draft});
 }
 
 /* Bars and history */

@@ -82,10 +82,8 @@ def shell(session: Session, reading: Mapping[str, object]) -> str:
             lines += ["cat > %s <<'MODEL'" % file, node.model.rstrip("\n"), "MODEL"]
             continue
         bags = " ".join(shlex.quote(by_name[name]) for name in node.runs)
-        cuts = [
-            shlex.quote("%s=%.9g,%.9g" % (name, *span))
-            for name, spans in node.cuts.items() if name in node.runs for span in spans
-        ]  # fmt: skip
+        spans = [(name, *span) for name in node.runs for span in node.cuts.get(name, ())]
+        cuts = [shlex.quote("%s=%.9g,%.9g" % span) for span in spans]
         more = options + (" --leave-out %s" % " ".join(cuts) if cuts else "")
         if kind == "fit":
             more += " --free " + " ".join(node.parameters or ())
@@ -94,9 +92,10 @@ def shell(session: Session, reading: Mapping[str, object]) -> str:
         for effect in node.added():
             name = effect if isinstance(effect, str) else "effect_%d.yaml" % node.id
             if not isinstance(effect, str):
-                lines += ["cat > %s <<'EFFECT'" % name, str(yaml.safe_dump(effect, sort_keys=False)) + "EFFECT"]
-            lines.append(CALL % ("add %s %s" % (name, bags), before, file, more))
-            before = file
+                lines += ["cat > %s <<'EFFECT'" % name, yaml.safe_dump(effect, sort_keys=False) + "EFFECT"]
+            after = file if effect == node.added()[-1] else "step_%d_%s.yaml" % (node.id, effect)
+            lines.append(CALL % ("add %s %s" % (name, bags), before, after, more))
+            before = after
     return "\n".join([*lines, "cp step_%d.yaml model.yaml" % session.current]) + "\n"
 
 

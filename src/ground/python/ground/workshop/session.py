@@ -3,7 +3,7 @@
 import math
 import threading
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ground import Effect, Model, Predictor, Recording, Room
 from ground.checks import findings, quality
@@ -32,7 +32,7 @@ class Stage:
     what: str  # the same in words
     model: str  # text of the model file
     values: Optional[Dict[str, float]] = None  # that were set
-    effect: Union[str, Entry, List[str], None] = None  # that was added, or several
+    effect: Any = None  # that was added: a name, several names, or an entry
     parameters: Optional[Dict[str, Dict[str, object]]] = None  # fitted, by name
     before: Optional[work.Errors] = None  # of the model before
     helps: Optional[bool] = None  # whether the effect does
@@ -77,7 +77,7 @@ class Job:
     kind: str
     node: int  # model that it began with
     ticked: Ticked
-    effect: Union[str, Entry, List[str], None]
+    effect: Any
     told: str = "begins"
     done: float = 0
     of: float = 0
@@ -336,10 +336,10 @@ class Session:
             self._do("opened", errors=errors, count=self.opened + 1)
 
     def effect(self, given: Any) -> Any:
-        """Effects of the library by name, one or a list, or formulas by channel as an entry of a model file."""
+        """Effects of the library, one or a list, or formulas by channel as an entry of a model file."""
         model = self.model_of(self.current)
-        if isinstance(given, str) or (isinstance(given, list) and given):
-            for name in [given] if isinstance(given, str) else given:
+        if not isinstance(given, dict):
+            for name in [given] if isinstance(given, str) else given or [given]:
                 model = model.with_effect({"name": name})  # raises where there is none, or the model has it
             return given
         if "expression" not in given:

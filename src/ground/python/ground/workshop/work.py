@@ -120,7 +120,8 @@ def searched(
     lines = [list(line) for line in found.headline() if not re.match("Model|Next", line[0])]
     steps = [step["added"] for step in found.report["steps"]]
     told = {name: text for name in steps for _, text in lines if re.match(name + "( -|:)", text)}
-    together, tried = [], {row["effect"]: row for row in rows(found.tried)}
+    together: List[Dict[str, object]] = []
+    tried = {str(row["effect"]): row for row in rows(found.tried)}
     for name, text in told.items():  # what the answer says of it, not what it would be alone
         size, _, certain = text.partition(": ")[2].rstrip(".").rpartition(". ")
         own = {"effect": name, "size": size, "certain": certain, "group": []}

@@ -90,9 +90,10 @@ def workbench(
     repaired(runs, told, given.core)
     folder = os.path.abspath(os.fspath(output))
     os.makedirs(folder, exist_ok=True)
-    room = Room.of(options.room) if options.room else next(filter(None, map(Room.of_recording, runs)), None)
+    wanted = Room.of(options.room) if options.room else None
+    room = wanted or next(filter(None, map(Room.of_recording, runs)), None)
     # Before the work file is open: its lock ends with this process, also where a job lives longer.
-    with contextlib.closing(Jobs(work.worker(runs, room), lambda *told: session.heard(*told))) as jobs:
+    with contextlib.closing(Jobs(work.worker(runs, room), lambda *told: session.heard(*told))) as jobs:  # noqa: PLW0108
         file = EventFile(os.path.join(folder, "work.jsonl"), SCHEMA)
         session = Session(runs, given, [run.name for run in runs[len(fitted) :]], room, file, jobs)
         server = Server(options.port, _files(), actions(session, folder, reading), session.wait)
