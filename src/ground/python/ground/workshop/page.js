@@ -233,7 +233,7 @@ function showSearch(before) {
   $("effects").replaceChildren(...rows.filter(row => !isWeak(row)).map(shownAs));
   $("weak").replaceChildren(...weak.map(shownAs));
   $("others").hidden = !weak.length;
-  $("count").textContent = `${weak.length} effects are not significant`;
+  $("count").textContent = `${weak.length} effect${weak.length > 1 ? "s are" : " is"} not significant`;
   if (focus) document.querySelector(`[data-effect="${CSS.escape(focus)}"]`)?.focus();
   if (search.proposal && !formula().any && triedOf === "") fill(search.proposal);
 }
