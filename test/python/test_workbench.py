@@ -402,7 +402,8 @@ SIDEWAYS = """return ['left', 'right', 'middle', 'views'].map(id => [id, documen
 SCROLLED = """return [...document.querySelectorAll('section, section *')]
     .filter(e => /auto|scroll/.test(getComputedStyle(e).overflowY) && !/left|right|views/.test(e.id))
     .map(e => e.id || e.tagName)"""
-WIDE = "[...document.querySelectorAll('#views .plot')].every(p => Math.abs(p._fullLayout.width - p.clientWidth) < 2)"
+WIDE = """[...document.querySelectorAll('#views .js-plotly-plot')]
+    .every(p => Math.abs(p._fullLayout.width - p.clientWidth) < 2)"""
 OUTSIDE = """return [...document.querySelectorAll('#left *, #right *')].filter(e => {
     const box = e.getBoundingClientRect(), column = e.closest('section').getBoundingClientRect();
     return box.width && (box.right > column.right || box.left < column.left)
