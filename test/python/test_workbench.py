@@ -312,15 +312,19 @@ def test_6_what_was_done_is_a_script_with_the_same_numbers(page, bench):
     page.until("document.getElementById('said').textContent.startsWith('Saved')", 300)
     page.picture("6_saved")
     same_numbers(bench)
-    folder = bench.folder
-    by_python = ground.Model.load(folder / "model.yaml")
+    same_by_shell(bench)
+    assert (bench.folder / "page" / "report.html").is_file()
+
+
+def same_by_shell(bench):
+    """Runs the saved shell script, and compares its model with that of the saved Python script."""
+    by_python = ground.Model.load(bench.folder / "model.yaml")
     path = "%s:%s" % (pathlib.Path(located("identify")).parent, os.environ["PATH"])
     environment = dict(os.environ, PATH=path)
-    (folder / "shell").mkdir()
-    subprocess.run(["sh", "../script.sh"], cwd=folder / "shell", env=environment, check=True)
-    by_shell = ground.Model.load(folder / "shell" / "model.yaml")
+    (bench.folder / "shell").mkdir()
+    subprocess.run(["sh", "../script.sh"], cwd=bench.folder / "shell", env=environment, check=True)
+    by_shell = ground.Model.load(bench.folder / "shell" / "model.yaml")
     assert by_shell.values == pytest.approx(by_python.values, rel=1e-6)
-    assert (folder / "page" / "report.html").is_file()
 
 
 def same_numbers(bench):
@@ -340,7 +344,8 @@ def same_numbers(bench):
 
 def test_7_the_next_experiment_is_drawn(page):
     page.js("S.search.next = arguments[0]; S.search.state = 'done'; showNext()", NEXT)
-    assert "spin" in page.text("nexttext") and "roslaunch" in page.text("nexttext")
+    assert "a spin: it distinguishes momentum_drag, X_u and Y_v." in page.text("nexttext")
+    assert "roslaunch" in page.text("nexttext")
     page.until("document.getElementById('next').data.length === 2")
     page.js("document.getElementById('next').scrollIntoView()")
     page.picture("7_next")
@@ -348,8 +353,8 @@ def test_7_the_next_experiment_is_drawn(page):
 
 NEXT = {
     "input": "a spin",
-    "separates": ["wind", "floor_tilt"],
-    "launch": "roslaunch ground room_prbs.launch",
+    "separates": ["momentum_drag", "X_u", "Y_v"],
+    "launch": "roslaunch ground room_prbs.launch mocap_host:=ADDRESS design:=prbs levels:='0.4 1'",
     "path": {"x": [0, 0.5, 1], "y": [0, 0.2, -0.4]},
 }
 
@@ -388,6 +393,108 @@ def test_all_that_one_can_do_has_a_name_and_is_reached_by_keys(page):
     page.js("act('select', {node: %d})" % before)
     page.until("S.current === %d" % before)
     page.settled()
+
+
+# The story of a user whose craft has two effects, one of which is plain only beside the other
+
+SIDEWAYS = """return ['left', 'right', 'middle', 'views'].map(id => [id, document.getElementById(id)])
+    .filter(([id, box]) => box.scrollWidth > box.clientWidth).map(([id]) => id)"""
+SCROLLED = """return [...document.querySelectorAll('section, section *')]
+    .filter(e => /auto|scroll/.test(getComputedStyle(e).overflowY) && !/left|right|views/.test(e.id))
+    .map(e => e.id || e.tagName)"""
+WIDE = """[...document.querySelectorAll('#views .js-plotly-plot')]
+    .every(p => Math.abs(p._fullLayout.width - p.clientWidth) < 2)"""
+OUTSIDE = """return [...document.querySelectorAll('#left *, #right *')].filter(e => {
+    const box = e.getBoundingClientRect(), column = e.closest('section').getBoundingClientRect();
+    return box.width && (box.right > column.right || box.left < column.left)
+  }).map(e => e.id || e.className)"""
+COVERED = """const found = [];
+for (const id of ['motion', 'wrench', 'against']) {
+  const texts = [...document.querySelectorAll(`#${id} [class$=tick] text`)];
+  const boxes = texts.map(e => [e.textContent, e.getBoundingClientRect()]);
+  boxes.forEach(([a, p], i) => boxes.slice(i + 1).forEach(([b, q]) => {
+    const beside = p.left > q.right - 1 || q.left > p.right - 1;
+    const above = p.top > q.bottom - 3 || q.top > p.bottom - 3;
+    if (!beside && !above) found.push([id, a, b]);
+  }));
+}
+return found"""
+
+
+def fits(page, name):
+    """Nothing covers anything or leaves its column, and a column is one scroll box."""
+    for width, height in ((1500, 900), (1366, 768)):
+        device = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        page.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", device)
+        page.settled()
+        page.until(WIDE)
+        page.picture("8_%s_%d" % (name, width))
+        for found in (SIDEWAYS, SCROLLED, OUTSIDE, COVERED):
+            assert page.js(found) == [], (name, width, found)
+
+
+def test_what_a_search_found_comes_first_and_is_added_at_once(own_browser, tmp_path):
+    truth = ground.Model.load(MODEL).with_effect("thrust_asymmetry", a=0.1)
+    truth = truth.with_effect("quadratic_drag", cx=12, cy=0.030)
+    bags = [tmp_path / ("r%d.bag" % seed) for seed in (1, 2, 3)]
+    for seed, path in enumerate(bags, 1):
+        ground.simulate(truth, "prbs", duration=20, seed=seed).save(path)
+    bench = Bench(bags[:2], bags[2:], tmp_path / "out")
+    page = Page(own_browser, bench.address)
+    fits(page, "first")
+    page.click("fit")
+    page.until("document.getElementById('said').textContent.startsWith('Fitted')")
+    page.click("undo")
+    page.until("S.current === 1")
+    assert "Fitted" not in page.text("said")
+    page.js("act('select', {node: 2})")
+    page.until("S.current === 2")
+    page.click("search")
+    page.until("S.search.state === 'done'", 300)
+    fits(page, "found")
+    rows = page.browser.find_elements("css selector", "#effects li")
+    drag = rows[1].text
+    assert "thrust_asymmetry unequal" in rows[0].text and "quadratic_drag drag" in drag
+    assert "cx 12.0" in drag and "together with thrust_asymmetry" in drag and "ery certain" in drag
+    assert "not significant" not in page.text("effects")
+    assert "thrust_asymmetry and quadratic_drag" in page.text("answer")
+    shown = "return document.querySelectorAll('[data-effect=quadratic_drag]').length"
+    assert page.js(shown) == 1
+    bottom = "return document.querySelectorAll('#effects li')[1].getBoundingClientRect().bottom"
+    assert page.js(bottom) < 768  # one need not scroll to it
+
+    page.click("addfound")
+    page.until("S.nodes.length === 3", 300)
+    page.settled()
+    assert page.text("said").startswith("Added thrust_asymmetry and quadratic_drag: ")
+    assert "It helps" in page.text("said")
+    node = bench.state()["nodes"][-1]
+    assert node["effect"] == ["thrust_asymmetry", "quadratic_drag"] and node["parent"] == 2
+    assert error(bench.state()) < 0.1 * error(bench.state(), 2)
+    fits(page, "added")
+    page.click("open")
+    page.until("S.opened === 1")
+    assert page.text("said") == ""
+    page.js("document.querySelector('[data-effect=momentum_drag]').click()")
+    page.until("S.nodes.length === 4", 300)
+    page.settled()
+    assert page.text("said").startswith("Added momentum_drag")
+    fits(page, "more")
+    page.click("undo")
+    page.until("S.current === 3")
+    assert page.text("said").startswith("Now at model 3")
+    page.click("brush")
+    page.click("judge")
+    page.until("S.judge !== null")
+    assert page.text("said") == ""
+    fits(page, "brushed")
+    page.js("document.getElementById('others').open = true; $('nexttext').scrollIntoView()")
+    fits(page, "opened")
+    page.click("save")
+    page.until("document.getElementById('said').textContent.startsWith('Saved')", 300)
+    same_numbers(bench)
+    same_by_shell(bench)
+    bench.end()
 
 
 # On real recordings, from the command line to the saved script
@@ -565,7 +672,8 @@ def test_what_is_not_a_formula_is_refused(bench, formula):
 
 
 def test_effects_of_files_and_unknown_work_are_refused(bench):
-    for effect in ("/etc/passwd", "../effect.yaml", "no_such_effect", ["a"], None):
+    twice = ["yaw_bias", "yaw_bias"]
+    for effect in ("/etc/passwd", "../effect.yaml", "no_such_effect", ["a"], [], twice, [twice], None):
         assert bench.ask("begin", kind="add", effect=effect)[0] == 400
     assert bench.ask("begin", kind="exec", effect=None)[0] == 400
     assert bench.ask("select", node=99)[0] == 400

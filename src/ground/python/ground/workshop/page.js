@@ -13,7 +13,6 @@ let fetching = null, again = false, busy = false, pending = 0, busyAll = false, 
 window.timing = {drag: [], net: [], all: [], first: 0, undo: [], add: []};
 
 /* The server */
-
 async function api(name, content = {}) {
   const answer = await fetch(name, {method: "POST", headers: {"Content-Type": "application/json", "X-Token": token},
     body: JSON.stringify(content)}).catch(() => null);
@@ -23,7 +22,10 @@ async function api(name, content = {}) {
   return found;
 }
 function say(text, bad = false) { $("said").textContent = text; $("said").classList.toggle("bad", bad); }
-const act = (name, content) => api(name, content).then(refresh).catch(error => say(error.message, true));
+function act(name, content) {
+  say("");  // what was done before is past
+  return api(name, content).then(refresh).catch(error => say(error.message, true));
+}
 function refresh() {
   if (fetching) { again = true; return fetching; }
   fetching = (async () => {
@@ -34,11 +36,11 @@ function refresh() {
 const later = (wait, work) => { let timer; return (...given) => { clearTimeout(timer); timer = setTimeout(() => work(...given), wait); }; };
 
 /* Words and parts */
-
 const two = value => value === null || value === undefined ? "not finite" : value >= 99.5 ? value.toFixed(0) : String(+value.toPrecision(2));
 const off = error => error ? `${two(error.position_mm)} mm, ${two(error.heading_deg)} deg` : "unknown";
 const node = id => S.nodes.find(one => one.id === Number(id));
 const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const listed = names => names.join(", ").replace(/, (?=[^,]*$)/, " and ");
 function make(kind, values = {}, ...inside) {
   const made = Object.assign(document.createElement(kind), values);
   made.append(...inside.filter(part => part !== null && part !== undefined));
@@ -46,20 +48,20 @@ function make(kind, values = {}, ...inside) {
 }
 
 /* The state */
-
 function show(before) {
   const now = {...node(S.current), ...S.now}, names = S.runs.map(run => run.name);
   if (!names.includes(view.run)) choose((S.runs.find(run => run.role === "fit") || S.runs[0]).name);
   if (!before || before.current !== S.current || JSON.stringify(node(S.current).error) !== JSON.stringify(before.nodes.find(n => n.id === S.current)?.error)) draft = {};
-  showRuns(); showParameters(now); showBars(now); showHistory(); showSearch(); showTried(); showNext(); showJobs(before);
+  showRuns(); showParameters(now); showBars(now); showHistory(); showSearch(before); showTried(); showNext(); showJobs(before);
   $("story").textContent = `${S.runs.filter(run => run.role === "fit").length} runs fitted, ${S.runs.filter(run => run.role === "held out").length} held out; model ${now.id}${S.effects.length ? " with " + S.effects.join(", ") : ""}`;
   number(now.error, now.by);
-  if (before && before.current !== S.current && S.nodes.length > before.nodes.length) told(now);
+  if (before && before.current !== S.current) told(now, S.nodes.length > before.nodes.length);
   if (!before && Object.keys(S.formula).length) fill({expression: S.formula.expression || S.formula});
   const key = JSON.stringify([S.current, now.as_is, view, other, css("--page"), S.runs.map(run => run.cuts), S.judge]);
   if (key !== drawnOf && !dragging) { drawnOf = key; draw(); }
 }
-function told(now) {
+function told(now, isNew) {
+  if (!isNew) return say(`Now at model ${now.id}: ${now.what}.`);
   const was = now.before || node(now.parent)?.error;
   if (now.kind === "add") window.timing.add.push(performance.now() - begun);
   if (now.kind === "add") say(`${now.what.replace("add", "Added")}: ${off(was)} before, ${off(now.error)} with it. ${now.helps ? "It helps" : "Not shown to help"}: ${now.reason}.`, !now.helps);
@@ -92,7 +94,6 @@ function choose(name) {
 }
 
 /* Parameters: the curves follow the slider */
-
 function showParameters(now) {
   $("model").textContent = now.what;
   const key = S.current + S.parameters.map(p => p.name).join();
@@ -102,15 +103,13 @@ function showParameters(now) {
   }
   slidersOf = key;
   $("parameters").replaceChildren(...S.parameters.map(p => {
-    const found = now.parameters && now.parameters[p.name];
-    const id = "p_" + p.name;
+    const found = now.parameters?.[p.name], id = "p_" + p.name, range = ranges[p.name] = rangeOf(p);
     const slider = make("input", {type: "range", id, min: 0, max: 1000, step: 1, title: p.doc});
     const box = make("input", {type: "number", step: "any", id: id + "_n", ariaLabel: `${p.name} in ${p.unit}`});
-    const range = ranges[p.name] = rangeOf(p);
     slider.oninput = () => { dragging = true; const value = atSlider(range, slider.value / 1000); box.value = +value.toPrecision(4); drag(p.name, value); };
     slider.onchange = () => commit();
     box.onchange = () => { const value = Number(box.value); if (box.value === "" || !isFinite(value)) return; drag(p.name, value); commit(); };
-    return make("div", {className: "parameter"}, make("label", {htmlFor: id}, p.name, make("small", {textContent: p.unit === "-" ? "" : ` [${p.unit}]`})), box, slider,
+    return make("div", {className: "parameter"}, make("label", {htmlFor: id}, ...p.name.split(/(?=[._])/).flatMap(part => [make("wbr"), part]), make("small", {textContent: p.unit === "-" ? "" : ` [${p.unit}]`})), box, slider,
       found ? make("div", {className: "ci", textContent: found.words}) : null);
   }));
   for (const p of S.parameters) setSlider(p, p.value);
@@ -153,13 +152,11 @@ async function dragAll() {
   busyAll = false;
 }
 async function commit() {
-  const values = {...draft};
   dragging = false;
-  if (Object.keys(values).length) await act("set", {node: S.current, values});
+  if (Object.keys(draft).length) await act("set", {node: S.current, values: draft});
 }
 
 /* Bars and history */
-
 function bar(label, error, most, floor, kind = "", more = null) {
   const width = error ? Math.max(0.5, 100 * Math.min(1, error.position_mm / most)) : 0;
   const track = make("div", {className: "track"}, make("div", {className: "fill"}), make("div", {className: "floor", title: "noise floor"}));
@@ -167,7 +164,7 @@ function bar(label, error, most, floor, kind = "", more = null) {
   return make("div", {className: "bar " + kind}, make("span", {textContent: label}), track, more || make("span", {className: "n", textContent: off(error)}));
 }
 function showBars(now) {
-  const before = S.now.error ? null : now.before || node(now.parent)?.error, label = now.kind === "add" ? "without it, refitted" : "before";
+  const before = S.now.error ? null : now.before || node(now.parent)?.error, label = now.kind !== "add" ? "before" : Array.isArray(now.effect) ? "without them, refitted" : "without it, refitted";
   const beside = other && node(other);
   const all = [now.error, before, beside?.error, now.holdout, node(1).error].filter(Boolean).map(error => error.position_mm ?? 0);
   const most = Math.max(...all) * 1.02, floor = now.floor.position_mm ?? 0, rows = [];
@@ -205,8 +202,7 @@ function showHistory() {
 }
 
 /* What is missing */
-
-function showSearch() {
+function showSearch(before) {
   const search = S.search, job = S.running.find(one => one.kind === "search");
   $("search").disabled = Boolean(job); $("stop").hidden = !job;
   $("stop").onclick = () => act("stop", {job: job.id});
@@ -216,21 +212,28 @@ function showSearch() {
   if (!job && search.rows.length && search.node !== S.current) $("searching").append(" Search again for this model. ");
   if (S.judge && !job) $("searching").append(` Candidates are judged on ${S.judge[0]}, ${S.judge[1].toFixed(1)} to ${S.judge[2].toFixed(1)} s. `,
     make("button", {textContent: "judge on all", onclick: () => act("judge", {run: S.judge[0], span: null})}));
-  if (S.last.search?.failed) say(S.last.search.failed, true);
+  if (S.last.search?.failed && !before?.last.search?.failed) say(S.last.search.failed, true);
   $("answer").replaceChildren(...(search.answer || []).map(([head, text]) => make("p", {}, make("b", {textContent: head ? head + ": " : ""}), text)));
   const adding = S.running.some(one => one.kind === "add" || one.kind === "fit"), focus = document.activeElement?.dataset?.effect;
-  const isWeak = row => row.certain.startsWith("not significant"), rows = [...(search.rows || [])].sort((a, b) => isWeak(a) - isWeak(b));
-  $("effects").replaceChildren(...rows.slice(0, 40).map(row => {
-    const has = S.effects.includes(row.effect), weak = isWeak(row);
+  const isWeak = row => row.certain.startsWith("not significant"), rows = search.rows || [], weak = rows.filter(isWeak);
+  const found = rows.filter(row => row.found && !S.effects.includes(row.effect)).map(row => row.effect);
+  if (found.length > 1) $("answer").append(make("button", {id: "addfound", className: "main", textContent: found.length > 2 ? `Add all ${found.length}` : "Add both",
+    disabled: adding, ariaLabel: "Add " + listed(found), onclick: () => begin("add", found)}));
+  const shownAs = row => {
+    const has = S.effects.includes(row.effect);
     const add = make("button", {textContent: has ? "added" : "Add", disabled: has || adding, ariaLabel: "Add " + row.effect, onclick: () => begin("add", row.effect)});
     add.dataset.effect = row.effect;
-    const parts = [row.certain];
+    const parts = [row.certain + (row.found?.length ? ", together with " + listed(row.found) : "")];
     if (row.prediction) parts.push(`error with it, fitted by likelihood: ${off(row.prediction)}`);
     if (row.group?.length) parts.push("is indistinguishable from " + row.group.join(", "));
     if (row.seen === false) parts.push("these runs cannot show it");
-    return make("li", {className: weak ? "weak" : ""}, add, make("b", {textContent: row.effect, className: row.selected ? "chosen" : ""}),
+    return make("li", {}, add, make("b", {textContent: row.effect, className: row.selected ? "chosen" : ""}),
       row.meaning ? " " + row.meaning : "", make("div", {className: "less", textContent: row.size}), make("div", {className: "less", textContent: parts.join("; ")}));
-  }));
+  };
+  $("effects").replaceChildren(...rows.filter(row => !isWeak(row)).map(shownAs));
+  $("weak").replaceChildren(...weak.map(shownAs));
+  $("others").hidden = !weak.length;
+  $("count").textContent = `${weak.length} effect${weak.length > 1 ? "s are" : " is"} not significant`;
   if (focus) document.querySelector(`[data-effect="${CSS.escape(focus)}"]`)?.focus();
   if (search.proposal && !formula().any && triedOf === "") fill(search.proposal);
 }
@@ -240,13 +243,12 @@ function showJobs(before) {
   if (job) say(`${job.kind === "fit" ? "Fitting" : "Adding"}: ${job.told}${job.of > 1 ? `, ${job.done} of ${job.of}` : ""} …`);
   else if (S.running.some(one => one.kind === "page")) say("Saving …");
   else if (before && S.last.page && (before.running.some(one => one.kind === "page") || !before.last.page)) say(S.last.page.failed || `Saved in ${S.last.page.folder}: ${S.last.page.files.join(", ")}`, Boolean(S.last.page.failed));
-  else if (before && before.running.some(one => one.kind === "fit" || one.kind === "add") && before.nodes.length === S.nodes.length)
-    say(S.last.fit?.failed || S.last.add?.failed || "Stopped.", true);
+  const ended = before?.running.find(one => one.kind === "fit" || one.kind === "add");
+  if (!job && ended && S.last[ended.kind]?.failed) say(S.last[ended.kind].failed, true);
 }
 const begin = (kind, effect = null) => { begun = performance.now(); return act("begin", {kind, effect}); };
 
 /* The formula */
-
 const formula = () => { const found = {X: $("fX").value, Y: $("fY").value, N: $("fN").value}; return {...found, any: Boolean(found.X + found.Y + found.N)}; };
 const check = later(250, async () => {
   const given = formula();
@@ -271,7 +273,6 @@ function showTried() {
 function fill(proposal) { for (const c of "XYN") $("f" + c).value = (proposal.expression || {})[c] || ""; triedOf = "offered"; $("own").open = true; check(); }
 
 /* Figures */
-
 const at = () => ({run: view.run, node: S.current, from: view.from, to: view.to});
 function styled(layout) {
   const faint = css("--lines"), text = css("--text");
@@ -321,7 +322,7 @@ async function drawMissing(mine, range) {
     const y = ["y", "y2", "y3"][i];
     traces.push(line([...found.t, ...found.t.slice().reverse()], [...c.low, ...c.high.slice().reverse()], "", colour, {yaxis: y, fill: "toself", fillcolor: colour + "40", line: {width: 0}, hoverinfo: "skip"}));
     traces.push(line(found.t, c.y, "missing " + c.name, colour, {yaxis: y}));
-    layout["yaxis" + (i ? i + 1 : "")] = {title: {text: `${c.name} [${c.unit}]`, font: {size: 10}, standoff: 2}, domain: [1 - (i + 1) / 3 + .03, 1 - i / 3], nticks: 4, zeroline: true};
+    layout["yaxis" + (i ? i + 1 : "")] = {title: {text: `${c.name} [${c.unit}]`, font: {size: 10}, standoff: 2}, domain: [1 - (i + 1) / 3 + .07, 1 - i / 3], nticks: 4, zeroline: true};
   });
   const share = c => c.stands_out * c.rms / c.full, largest = found.channels.slice().sort((a, b) => share(b) - share(a) || b.rms / b.full - a.rms / a.full)[0];
   if (!$("channel").dataset.chosen) $("channel").value = largest.name;
@@ -377,7 +378,7 @@ const stretch = () => [Number($("from").value), Number($("to").value)];
 function showNext() {
   const next = S.search.next;
   if (!next) { $("next").hidden = true; if (S.search.state === "done") $("nexttext").textContent = "Nothing needed: these runs distinguish the effects."; return; }
-  $("nexttext").replaceChildren(`${next.input}: it distinguishes ${next.separates.filter(Boolean).join(" from ")}. The plot leaves out the returns that keep the craft in the room. `, make("code", {textContent: next.launch}));
+  $("nexttext").replaceChildren(`${next.input}: it distinguishes ${listed(next.separates.filter(Boolean))}. The plot leaves out the returns that keep the craft in the room. `, make("code", {textContent: next.launch}));
   if ($("next").dataset.of === next.launch) return;
   $("next").hidden = false; $("next").dataset.of = next.launch;
   const room = S.room || [[-2, -2], [2, -2], [2, 2], [-2, 2]], closed = [...room, room[0]];
@@ -386,7 +387,6 @@ function showNext() {
 }
 
 /* Buttons and keys */
-
 $("fit").onclick = () => begin("fit");
 $("undo").onclick = () => { const pressed = performance.now(); act("undo").then(() => window.timing.undo.push(performance.now() - pressed)); };
 $("save").onclick = () => act("save");
@@ -399,6 +399,7 @@ $("whole").onclick = whole;
 $("brush").onclick = () => {
   const on = $("brush").getAttribute("aria-pressed") !== "true";
   $("brush").setAttribute("aria-pressed", on); $("brushed").hidden = !on;
+  say(on ? "Drag over a stretch of the curves, or type its times." : "");
   if (on) mark(view.to ? [view.from, view.to] : shown);
   Plotly.relayout($("motion"), {dragmode: on ? "select" : "zoom"});
 };

@@ -32,11 +32,7 @@ models = {}
 
 def path_to(session: Session, node: int) -> List[Stage]:
     """The models from the first to one of the history."""
-    found: List[Stage] = []
-    while node:
-        found.insert(0, session.nodes[node])
-        node = session.nodes[node].parent
-    return found
+    return [*path_to(session, session.nodes[node].parent), session.nodes[node]] if node else []
 
 
 def python(session: Session, reading: Mapping[str, object]) -> str:
@@ -49,14 +45,15 @@ def python(session: Session, reading: Mapping[str, object]) -> str:
         if kind == "start":
             lines.append("models[1] = given")
         elif kind == "set":
-            lines.append(
-                "models[%d] = ground.Model.parse(%s.with_values(%r).format())" % (number, before, node.values)
-            )
+            varied = "%s.with_values(%r)" % (before, node.values)
+            lines.append("models[%d] = ground.Model.parse(%s.format())" % (number, varied))
         elif kind == "fit":
             lines.append("free = %r" % list(node.parameters or ()))
             lines.append("found = ground.fit(%s, %s, free=free)" % (before, at))
         else:
-            lines.append("found = ground.add(%s, ground.Effect.of(%r), %s)" % (before, node.effect, at))
+            for effect in node.added():
+                lines.append("found = ground.add(%s, ground.Effect.of(%r), %s)" % (before, effect, at))
+                before = "ground.Model.parse(found.model.format())"
         if kind in ("fit", "add"):
             key = "fitted" if kind == "fit" else "with"
             lines.append("models[%d] = ground.Model.parse(found.model.format())" % number)
@@ -70,6 +67,8 @@ def python(session: Session, reading: Mapping[str, object]) -> str:
 
 def shell(session: Session, reading: Mapping[str, object]) -> str:
     """The way to the current model, as command lines."""
+    import yaml
+
     lines = ["#!/bin/sh", "# What was done on the workbench, up to model %d." % session.current, "set -e"]
     by_name = {run.name: os.path.abspath(run.path) for run in session.recordings}
     options = ""
@@ -83,21 +82,20 @@ def shell(session: Session, reading: Mapping[str, object]) -> str:
             lines += ["cat > %s <<'MODEL'" % file, node.model.rstrip("\n"), "MODEL"]
             continue
         bags = " ".join(shlex.quote(by_name[name]) for name in node.runs)
-        cuts = [
-            shlex.quote("%s=%.9g,%.9g" % (name, *span))
-            for name, spans in node.cuts.items() if name in node.runs for span in spans
-        ]  # fmt: skip
+        spans = [(name, *span) for name in node.runs for span in node.cuts.get(name, ())]
+        cuts = [shlex.quote("%s=%.9g,%.9g" % span) for span in spans]
         more = options + (" --leave-out %s" % " ".join(cuts) if cuts else "")
         if kind == "fit":
             more += " --free " + " ".join(node.parameters or ())
             lines.append(CALL % ("fit " + bags, before, file, more))
-        else:
-            effect = node.effect
-            if not isinstance(effect, str):
-                text = _yaml(effect).rstrip("\n")
-                lines += ["cat > effect_%d.yaml <<'EFFECT'" % node.id, text, "EFFECT"]
+            continue
+        for effect in node.added():
             name = effect if isinstance(effect, str) else "effect_%d.yaml" % node.id
-            lines.append(CALL % ("add %s %s" % (name, bags), before, file, more))
+            if not isinstance(effect, str):
+                lines += ["cat > %s <<'EFFECT'" % name, yaml.safe_dump(effect, sort_keys=False) + "EFFECT"]
+            after = file if effect == node.added()[-1] else "step_%d_%s.yaml" % (node.id, effect)
+            lines.append(CALL % ("add %s %s" % (name, bags), before, after, more))
+            before = after
     return "\n".join([*lines, "cp step_%d.yaml model.yaml" % session.current]) + "\n"
 
 
@@ -109,9 +107,3 @@ def save(session: Session, folder: str, reading: Mapping[str, object]) -> None:
         for name, text in texts.items():
             files.write_text(os.path.join(folder, name), text, force=True)
         session.begin("page", {"folder": folder, "given": session.given.format(), "files": list(texts)})
-
-
-def _yaml(entry: object) -> str:
-    import yaml
-
-    return str(yaml.safe_dump(entry, sort_keys=False))

@@ -3,7 +3,7 @@
 import math
 import threading
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ground import Effect, Model, Predictor, Recording, Room
 from ground.checks import findings, quality
@@ -32,7 +32,7 @@ class Stage:
     what: str  # the same in words
     model: str  # text of the model file
     values: Optional[Dict[str, float]] = None  # that were set
-    effect: Union[str, Entry, None] = None  # that was added
+    effect: Any = None  # that was added: a name, several names, or an entry
     parameters: Optional[Dict[str, Dict[str, object]]] = None  # fitted, by name
     before: Optional[work.Errors] = None  # of the model before
     helps: Optional[bool] = None  # whether the effect does
@@ -50,6 +50,10 @@ class Stage:
     def entry(self) -> Dict[str, object]:
         """The node as events list it."""
         return {name: value for name, value in asdict(self).items() if value is not None}
+
+    def added(self) -> List[Any]:
+        """The effects that were added."""
+        return self.effect if isinstance(self.effect, list) else [self.effect]
 
 
 @dataclass(frozen=True)
@@ -73,15 +77,14 @@ class Job:
     kind: str
     node: int  # model that it began with
     ticked: Ticked
-    effect: Union[str, Entry, None]
+    effect: Any
     told: str = "begins"
     done: float = 0
     of: float = 0
 
 
 class Session:
-    """The state of a workbench. Each change is an event: on the disk first, then applied, then shown on the
-    pages."""
+    """The state of a workbench. Each change is an event: first on the disk, then applied, then shown."""
 
     def __init__(
         self,
@@ -204,16 +207,9 @@ class Session:
         was fitted."""
         ready, model = self.predictor(*ticked), Model.parse(node.model)
         off = asdict(ready.error(model))
-        return replace(
-            node,
-            seconds=ready.horizon,
-            as_is=off,
-            error=after or off,
-            by="cross-validated" if after else "as it is",
-            floor=(node.floor if after else None) or self._floor(ticked) or asdict(ready.noise(model)),
-            runs=ticked[0],
-            cuts=ticked[1],
-        )
+        floor = (node.floor if after else None) or self._floor(ticked) or asdict(ready.noise(model))
+        node = replace(node, seconds=ready.horizon, floor=floor, runs=ticked[0], cuts=ticked[1])
+        return replace(node, as_is=off, error=after or off, by="cross-validated" if after else "as it is")
 
     def _floor(self, ticked: Ticked) -> Optional[work.Errors]:
         """The noise floor of some runs, by the best model that was judged on them."""
@@ -248,6 +244,7 @@ class Session:
         """All that a page shows."""
         with self.lock:
             model, now = self.model_of(self.current), self._now()
+            own = model.core.parameters()
             return {
                 "version": self.version,
                 "runs": [self._run(recording) for recording in self.recordings],
@@ -255,10 +252,7 @@ class Session:
                 "current": self.current,
                 "now": {**now, **self.beside_mocap(now.get("error") or self.nodes[self.current].error or {})},
                 "effects": list(model.effects),
-                "parameters": [
-                    {**{k: p[k] for k in PARAMETER}, "value": model[p["name"]]}
-                    for p in model.core.parameters()
-                ],
+                "parameters": [{**{k: p[k] for k in PARAMETER}, "value": model[p["name"]]} for p in own],
                 "judge": self.judge,
                 "search": asdict(self.search),
                 "formula": self.formula,
@@ -305,9 +299,7 @@ class Session:
 
     def undo(self) -> None:
         """Goes back to the model before."""
-        parent = self.nodes[self.current].parent
-        if parent:
-            self._do("current", current=parent)
+        self.select(self.nodes[self.current].parent or self.current)
 
     def set_role(self, run: str, role: str) -> None:
         """A run is fitted, held out or left alone."""
@@ -344,10 +336,11 @@ class Session:
             self._do("opened", errors=errors, count=self.opened + 1)
 
     def effect(self, given: Any) -> Any:
-        """An effect of the library by name, or formulas by channel as an entry of a model file."""
+        """Effects of the library, one or a list, or formulas by channel as an entry of a model file."""
         model = self.model_of(self.current)
-        if isinstance(given, str):
-            model.with_effect({"name": given})  # raises where the library has none, or the model has it
+        if not isinstance(given, dict):
+            for name in [given] if isinstance(given, str) else given or [given]:
+                model = model.with_effect({"name": name})  # raises where there is none, or the model has it
             return given
         if "expression" not in given:
             taken = [name for name in model.effects if name.startswith("formula")]
@@ -358,8 +351,7 @@ class Session:
         return given
 
     def check(self, given: Entry) -> Dict[str, object]:
-        """What is known at once of a formula: its parameters with their units. GroundError says what is
-        wrong."""
+        """The entry of a formula, and the units of its parameters. GroundError says what is wrong."""
         entry = self.effect(given)
         self._do("formula", formula=given)
         return {"entry": entry, "units": {k: p["unit"] for k, p in entry["parameters"].items()}}
@@ -374,9 +366,8 @@ class Session:
             for number in [n for n, job in self.running.items() if job.kind == kind]:
                 self.stop(number)
             self.last.pop(kind, None)
-            node, ticked, effect = self.current, self.ticked(), None
-            if kind in ("add", "try"):
-                effect = self.effect(given)
+            node, ticked = self.current, self.ticked()
+            effect = self.effect(given) if kind in ("add", "try") else None
             if kind == "search":
                 self._do("search", **asdict(SearchState("running", node=node, judge=self.judge)))
             more = {"search": self.judge, "page": given}.get(kind, effect)
@@ -420,10 +411,8 @@ class Session:
     def _done(self, job: Job, found: Any) -> None:
         if job.kind == "search":
             self._do("search", state="done", **found)
-        elif job.kind == "page":
-            self.last["page"] = found
-        elif job.kind == "try":
-            self.last["try"] = _without(found, "model")
+        elif job.kind in ("page", "try"):
+            self.last[job.kind] = _without(found, "model")
         else:
             what = "fit" if job.kind == "fit" else "add " + found["effect"]
             known = {name: found[name] for name in REFIT if name in found}

@@ -33,7 +33,7 @@ def worker(recordings: Sequence[Recording], room: Optional[Room]) -> Callable[..
         if kind == "fit":
             tell("done", fitted(fit(model, runs, free=model.free, progress=progress)))
         elif kind in ("add", "try"):
-            tell("done", added(add(model, more, runs, progress=progress)))
+            tell("done", added(model, more if isinstance(more, list) else [more], runs, progress))
         elif kind == "page":
             tell("done", saved(model, runs, **more))
         else:
@@ -59,10 +59,26 @@ def fitted(found: Fit) -> Dict[str, object]:
     return {**_refitted(found, "given", "fitted"), "remarks": found.remarks}
 
 
-def added(found: Addition) -> Dict[str, object]:
-    """An Addition."""
-    verdict = {"helps": found.verdict.helps, "reason": found.verdict.reason}
-    return {**_refitted(found, "without", "with"), "effect": found.effect, **verdict}
+def added(
+    model: Model, effects: Sequence[Any], runs: Sequence[Recording], progress: Listener
+) -> Dict[str, object]:
+    """Effects added one after the other, as one step: each must help beside those before it."""
+    steps: List[Addition] = []
+    for effect in effects:
+        steps.append(add(model, effect, runs, progress=progress))
+        model = Model.parse(steps[-1].model.format())
+    reasons = [one.effect + ": " + one.verdict.reason for one in steps]
+    return {
+        **_refitted(steps[-1], "without", "with"),
+        "before": _refitted(steps[0], "without", "with")["before"],
+        "effect": _listed([one.effect for one in steps]),
+        "helps": all(one.verdict.helps for one in steps),
+        "reason": "; ".join(reasons) if len(steps) > 1 else steps[0].verdict.reason,
+    }
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def _refitted(found: Union[Fit, Addition], before: str, after: str) -> Dict[str, object]:
@@ -101,9 +117,19 @@ def searched(
     if planned:  # where the improved model goes, open loop
         flown = simulate(found.improved, inputs=found.next_inputs).to_frame().iloc[::5]
         planned = {**planned, "path": {name: flown[name].round(4).tolist() for name in ("x", "y")}}
+    lines = [list(line) for line in found.headline() if not re.match("Model|Next", line[0])]
+    steps = [step["added"] for step in found.report["steps"]]
+    told = {name: text for name in steps for _, text in lines if re.match(name + "( -|:)", text)}
+    together: List[Dict[str, object]] = []
+    tried = {str(row["effect"]): row for row in rows(found.tried)}
+    for name, text in told.items():  # what the answer says of it, not what it would be alone
+        size, _, certain = text.partition(": ")[2].rstrip(".").rpartition(". ")
+        own = {"effect": name, "size": size, "certain": certain, "group": []}
+        together.append({**tried.pop(name, {}), **own, "found": [other for other in told if other != name]})
+    lines = [line for line in lines if line[1] not in told.values()]
     return {
-        "rows": rows(found.tried),
-        "answer": [list(line) for line in found.headline() if not re.match("Model|Next", line[0])],
+        "rows": [*together, *tried.values()],
+        "answer": [["Missing", _listed(list(told)) + "."], *lines] if told else lines,
         "proposal": found.proposal and found.proposal.entry,
         "next": planned,
     }

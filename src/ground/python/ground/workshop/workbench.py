@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import multiprocessing
 import os
+import pathlib
 import socket
 import sys
 import webbrowser
@@ -91,13 +92,8 @@ def workbench(
     os.makedirs(folder, exist_ok=True)
     wanted = Room.of(options.room) if options.room else None
     room = wanted or next(filter(None, map(Room.of_recording, runs)), None)
-
-    def heard(number: int, kind: str, content: Any) -> None:
-        session.heard(number, kind, content)
-
     # Before the work file is open: its lock ends with this process, also where a job lives longer.
-    jobs = Jobs(work.worker(runs, room), heard)
-    try:
+    with contextlib.closing(Jobs(work.worker(runs, room), lambda *told: session.heard(*told))) as jobs:  # noqa: PLW0108
         file = EventFile(os.path.join(folder, "work.jsonl"), SCHEMA)
         session = Session(runs, given, [run.name for run in runs[len(fitted) :]], room, file, jobs)
         server = Server(options.port, _files(), actions(session, folder, reading), session.wait)
@@ -107,8 +103,6 @@ def workbench(
             serve(server)
         finally:
             session.end()
-    finally:
-        jobs.close()
 
 
 def _taken(given: Recordings, reading: Mapping[str, Any]) -> List[Recording]:
@@ -121,11 +115,9 @@ def _files() -> Dict[str, Tuple[bytes, str]]:
     """What the browser loads."""
     from plotly.offline import get_plotlyjs
 
-    found = {"/plotly.js": packed("plotly.js", get_plotlyjs())}
-    for name in PAGE:
-        with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), name), encoding="utf-8") as file:
-            found["/" if name == "page.html" else "/" + name] = packed(name, file.read())
-    return found
+    texts = {name: pathlib.Path(__file__).with_name(name).read_text("utf-8") for name in PAGE}
+    own = {"/" if name == "page.html" else "/" + name: packed(name, text) for name, text in texts.items()}
+    return {"/plotly.js": packed("plotly.js", get_plotlyjs()), **own}
 
 
 def actions(session: Session, folder: str, reading: Mapping[str, object]) -> Dict[str, Action]:
@@ -195,8 +187,7 @@ def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify workbench; returns what --json prints."""
     if arguments.leave_out:
         raise OptionError("{0}: leave stretches out on the page", "leave_out")
-    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    has_display = bool(display) or sys.platform == "darwin"
+    has_display = sys.platform == "darwin" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
     def begun(address: str) -> None:
         for line in told_of(address, has_display):
