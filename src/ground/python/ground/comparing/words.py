@@ -54,8 +54,9 @@ def _best(ranking: Ranking, found: Optional[PredictionError]) -> str:
 
 def _pushed(best: str, found: PredictionError) -> str:
     """What the best model's own random disturbance leaves, behind the noise floor."""
-    known = found.disturbed and words.is_pushed(found)
-    return "; with the random disturbance of %s: %s" % (best, off(found.disturbed)) if known else ""
+    if found.disturbed is None or not words.is_pushed(found):
+        return ""
+    return "; with the random disturbance of %s: %s" % (best, off(found.disturbed))
 
 
 def _next(ranking: Ranking, finds: str, found: Optional[PredictionError]) -> str:

@@ -268,15 +268,23 @@ def _undecided(report: DiagnosisReport, depends: bool) -> str:
     return told % float(100 * report.ceiling.bound)
 
 
+def _corrected(report: DiagnosisReport, folder: str) -> str:
+    """What to do with recordings of which no diagnosis is right; empty where there is none."""
+    if report.verdict == "misread":
+        anyway = "add --as-recorded" if folder else "give as_recorded=True"
+        return "correct the mapping or the settings as stated above, or %s to diagnose anyway" % anyway
+    return "".join(
+        "%s: %s, and diagnose again" % (listed(one.runs), one.remedy) for one in report.changes[:1]
+    )
+
+
 def _next(report: DiagnosisReport, folder: str) -> str:
     """What to do next; commands stand on lines of their own."""
     kind, proposed = report.verdict, report.next_experiment
-    for one in report.changes:
-        return "%s: %s, and diagnose again" % (listed(one.runs), one.remedy)
+    corrected = _corrected(report, folder)
+    if corrected:
+        return corrected
     nameless, open_still = kind in ("unexplained", "memory"), kind == "missing" and bool(_rest(report))
-    if kind == "misread":
-        anyway = "add --as-recorded" if folder else "give as_recorded=True"
-        return "correct the mapping or the settings as stated above, or %s to diagnose anyway" % anyway
     flies = proposed and (proposed.launch if folder else proposed.call or proposed.launch)
     if proposed and any(len(step.group) > 1 for step in report.steps):
         return "fly this to distinguish %s:\n%s" % (words.effects(report, proposed.separates), flies)

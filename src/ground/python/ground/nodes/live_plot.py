@@ -44,7 +44,7 @@ STATUS_COLORS = {
 }
 
 
-class ValueAxis(pg.AxisItem):
+class ValueAxis(pg.AxisItem):  # type: ignore[misc]
     """An axis with two labelled values or more, however low its diagram is."""
 
     def tickSpacing(self, minVal: float, maxVal: float, size: float) -> List[Tuple[float, float]]:
