@@ -139,6 +139,12 @@ TEST_P(Obedience, EffectsMissingInTheModelGiveNoFalseReport) {
   }
 }
 
+TEST_P(Obedience, ATrimGivesNoFalseReport) {
+  const Model truth = withValues(craft(), {{"yaw_bias.n0", 2e-4}});
+  for (unsigned long seed : {1ul, 2ul, 3ul})
+    EXPECT_EQ(reportedAt(drive(truth, GetParam(), kNever, 15, seed)), 0) << "seed " << seed;
+}
+
 struct Named {
   const char* name;
   CraftFault fault;
