@@ -260,5 +260,27 @@ TEST(Excitation, AStrongDisturbanceStopsTheCraftBeforeAWall) {
   EXPECT_EQ(late, 0) << "it must be stopped inside";
 }
 
+/// A signal of one row.
+InputSignal constant(double left) {
+  InputSignal signal;
+  signal.times = {0};
+  signal.inputs = {{{left, 0.0}, 0.0}};
+  signal.end = 100;
+  return signal;
+}
+
+TEST(ExcitationPilot, ASignalGivenInADrivePlaysFromTheNextOneOn) {
+  double now = 0;
+  ExcitationPilot pilot([&] { return now; }, [](const Mark&) {}, [](const ReferencePilot::Decision&) {});
+  const RigidState<double> rest{};
+  pilot.play(constant(0.2), 50);
+  pilot.activate(0);
+  pilot.play(constant(0.7), 50);
+  EXPECT_EQ(pilot.update(1, 1, rest, 1).thrusters(0), 0.2);
+  pilot.deactivate();
+  pilot.activate(now = 2);
+  EXPECT_EQ(pilot.update(1, 3, rest, 1).thrusters(0), 0.7);
+}
+
 }  // namespace excitation_test
 }  // namespace ground
