@@ -356,7 +356,8 @@ def findings(d: Document) -> Iterator[str]:
         if sign * d["controls"][key] > least:
             yield text % (sign * d["controls"][key])
     yield from (text for _, text in _left_out(d))
-    changes = [one for one in d["changes"] if not suspicions.is_of_craft(one["node"], one["name"])]
+    told = [one for one in d["suspicions"] if one["kind"] == suspicions.CHANGED]
+    changes = [c for c in d["changes"] if not (told and suspicions.is_of_craft(c["node"], c["name"]))]
     for change in changes[:MAX_CHANGES]:
         ends = change["before"] or "''", change["after"] or "''"
         yield "changed at %(time).2f s: %(node)s: %(name)s " % change + "%s -> %s" % ends
