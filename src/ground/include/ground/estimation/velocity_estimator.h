@@ -40,8 +40,8 @@ class IntervalScatter {
   double mean_ = 0, variance_ = 0;  // [s], [s^2]
 };
 
-/// How much larger the innovations of a filter are than it expects: a mean of z = y^2 / S (Bar-Shalom et al.
-/// 2001, (5.4.2-3)), 1 if poses are as noisy as assumed.
+/// How much larger the innovations of a filter are than it expects: the running mean of the normalised
+/// innovation squared, y^2 / S for an innovation y of variance S; 1 if poses are as noisy as assumed.
 class InnovationScatter {
  public:
   void add(const MotionFilter& filter);

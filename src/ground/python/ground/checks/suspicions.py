@@ -39,8 +39,9 @@ MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
 # thruster_gain; missing commands, at which motion hints only; a low-pass of poses, which is undone; and a
 # craft that changed.
 EXPLAINED = ("offset", "delay", "command", "weak", "missing", "smoothed", CHANGED)
-SIMULATOR = "simulator"  # node
-CRAFT = ("model", *(name + "_factor" for name in ("k", "m", "I_z", "X_u", "Y_v", "N_r")))  # its craft's
+SIMULATOR = "simulator"  # the node that moves the simulated craft
+# Its parameters that change the craft, as LiveChange names them
+OF_CRAFT = ("model", *(name + "_factor" for name in ("k", "m", "I_z", "X_u", "Y_v", "N_r")))
 MIN_TURNING = 4  # thrusters that turn the craft, from which one that does not stands out
 WEAK = 0.5  # share of the moment that its place promises, below which a thruster is weak
 Thrusters = Tuple[layouts.Thruster, ...]
@@ -102,7 +103,7 @@ def changed(run: RepairedRun, start: float = 0.0, end: float = math.inf) -> Iter
 
 def is_of_craft(node: str, name: str) -> bool:
     """Whether a parameter of a node, when changed, changes the simulated craft."""
-    return node.strip("/") == SIMULATOR and name in CRAFT
+    return node.strip("/") == SIMULATOR and name in OF_CRAFT
 
 
 def about(recordings: Sequence[Recording], model: Optional[_core.Model]) -> List[Suspicion]:
