@@ -408,3 +408,19 @@ def test_runs_too_short_to_predict_are_not_called_well_predicted():
     ranking = Ranking("held_out", ["run"], {"a": 0.1}, [], [])
     found = dict(words.lines(ranking, None, "a.yaml"))
     assert "longer runs" in found["Next"] and "noise floor" not in found["Next"]
+
+
+def test_a_fit_that_predicts_worse_than_the_given_model_says_so():
+    craft = ground.Model.load(MODEL)
+    truth = craft.with_effect("com_offset", xg=0.006)
+    runs = [
+        ground.simulate(truth, "multilevel-prbs", duration=12, disturbance=[0.05, 0.5], seed=s, name=str(s))
+        for s in (6, 7)
+    ]
+    weak = ground.Model.parse(craft.format().replace("k: %g" % craft["k"], "k: %g" % (0.5 * craft["k"])))
+    assert weak["k"] < 0.6 * craft["k"]
+    for given, worse in ((craft, True), (weak, False)):
+        fit = ground.fit(given, runs)
+        errors = fit.prediction.errors
+        assert (errors["fitted"].position_mm > errors["given"].position_mm) == worse
+        assert ("no better than the given" in " ".join(str(fit).split())) == worse
