@@ -213,22 +213,33 @@ def test_every_verb_has_the_same_error_of_the_same_model():
     assert added.prediction.errors["without"] == fit.prediction.errors["fitted"]
 
 
-def test_a_model_that_knows_its_disturbance_needs_no_diagnosis():
+@slow
+def test_a_diagnosed_model_knows_its_disturbance_on_other_runs(tmp_path):
     import ground
 
     craft = ground.Model.load(MODEL)
-    runs = [
-        ground.simulate(craft, "multilevel-prbs", duration=40, disturbance=[0.04, 0.5], seed=s, name=str(s))
-        for s in (11, 12, 13)
-    ]
-    force, moment = 0.04 * 2 * craft["k"], 0.04 * craft["k"] * craft["l"]
-    knows = ground.Model.parse(
-        craft.format()
-        + "disturbance:\n  sigma: {X: %g, Y: %g, N: %g}\n" % (force, force, moment)
-        + "  time: {X: 0.5, Y: 0.5, N: 0.5}\n"
-    )
-    for model, asks in ((craft, True), (knows, False)):
-        assert ("ground.diagnose" in str(ground.compare({"this": model}, runs))) == asks
-    lagging = craft.with_effect("motor_lag", tau=0.15)
-    runs = [ground.simulate(lagging, "multilevel-prbs", duration=40, seed=s, name=str(s)) for s in (14, 15)]
-    assert "ground.diagnose" in str(ground.compare({"this": knows}, runs))
+    truth = craft.with_effect("motor_lag", tau=0.08)
+
+    def flown(seeds, **pushed):
+        return [
+            ground.simulate(truth, "multilevel-prbs", duration=40, seed=s, name=str(s), **pushed)
+            for s in seeds
+        ]
+
+    runs, other = (flown(seeds, disturbance=[0.04, 0.5]) for seeds in ((11, 12, 13), (14,)))
+    fit = ground.fit(craft, runs)
+    found = ground.diagnose(fit.model, runs, only=["motor_lag", "motor_rate"])
+    assert found.effects == ("motor_lag",)
+    found.save(tmp_path / "diagnosis")
+    improved = ground.Model.load(tmp_path / "diagnosis" / "improved.yaml")
+    pushes = 0.04 * craft["k"] * np.array([2, 2, craft["l"]])
+    assert np.all(abs(np.log(improved.core.disturbance.sigma / pushes)) < np.log(1.5))
+    # A model that lacks an effect is diagnosed with the runs of its fit; these runs remain for testing.
+    assert "holdout=RECORDINGS" in str(ground.compare({"fitted": fit.model}, other))
+    assert "ground.diagnose" not in str(ground.compare({"fitted": fit.model, "improved": improved}, other))
+    # Its disturbance explains no effect that it lacks, and calm runs have none.
+    slower = truth.with_values({"motor_lag.tau": 0.25})
+    lagging = [ground.simulate(slower, "multilevel-prbs", duration=40, seed=15)]
+    assert "ground.diagnose" in str(ground.compare({"improved": improved}, lagging))
+    calm = ground.diagnose(craft, flown((16, 17)), only=["motor_lag"])
+    assert calm.effects == ("motor_lag",) and calm.improved.core.disturbance.empty()

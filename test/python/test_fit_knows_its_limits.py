@@ -160,3 +160,24 @@ def test_commands_that_do_not_depend_on_the_motion_are_hardly_ever_called_a_clos
         run = recorded(CRAFT, inputs, 15, seed, pushed=0.1)
         called += called_closed(ground.fit(CRAFT, run), run)
     assert called <= 2  # 2% are expected
+
+
+def answer(found):
+    """The first lines of a result."""
+    return " ".join(text for _, text in found.headline())
+
+
+@pytest.mark.parametrize("factor, is_said", [(0.1, True), (0.01, True), (2.54, True), (1.0, False)])
+def test_positions_in_a_wrong_unit_show_beside_the_given_model(factor, is_said):
+    runs = [recorded(CRAFT, prbs(15, 0.3, seed), 15, seed, pushed=0.02) for seed in (1, 2)]
+    for run in runs:
+        run.eta[:, :2] *= factor
+    for found in (ground.fit(CRAFT, runs), ground.diagnose(CRAFT, runs, only=["yaw_bias"])):
+        assert ("unit" in answer(found)) == is_said
+
+
+@pytest.mark.parametrize("changed", [{"k": 0.3}, {"I_z": 3.0}, {"k": 3.0, "I_z": 2.0}])
+def test_another_craft_is_no_wrong_unit(changed):
+    other = CRAFT.with_values({name: by * CRAFT[name] for name, by in changed.items()})
+    found = ground.fit(CRAFT, [recorded(other, prbs(15, 0.3, seed), 15, seed) for seed in (1, 2)])
+    assert "unit" not in answer(found)

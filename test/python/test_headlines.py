@@ -94,9 +94,10 @@ def test_a_command_that_comes_next_reads_the_same_recordings(tmp_path, monkeypat
     (tmp_path / "m 2.yaml").write_text(MAPPING)
     reading = ["a run.csv", "--mapping", "m 2.yaml", "--heading-offset", 0.1, "--leave-out", "a run=1,1.5"]
     model = ["--model", MODEL, "-o"]
+    np.savetxt("held.csv", rows[100:], "%.9f", ",", header=",".join(names), comments="")
     verbs = {
         "info": ["info", *reading],
-        "fit": ["fit", *reading, *model, "fitted.yaml"],
+        "fit": ["fit", *reading, "--holdout", "held.csv", *model, "fitted.yaml"],
         "add": ["add", "yaw_bias", *reading, *model, "added.yaml"],
         "compare": ["compare", *reading, *model, "compared", "--numbers"],
     }
@@ -104,6 +105,7 @@ def test_a_command_that_comes_next_reads_the_same_recordings(tmp_path, monkeypat
     commands = {v: re.findall(r"^    (rosrun .*)$", text, re.M) for v, text in printed.items()}
     assert commands["info"] and commands["fit"] and commands["compare"], printed
     (expected,) = bag_arguments.read(cli._parser(["info"]).parse_args([str(a) for a in verbs["info"]]))
+    assert ["--holdout held.csv" in " ".join(commands[verb]) for verb in ("fit", "compare")] == [True, False]
     for command in sum(commands.values(), []):
         (found,) = read_by(command)
         assert found.identity == expected.identity, command
@@ -406,7 +408,7 @@ def test_runs_too_short_to_predict_are_not_called_well_predicted():
     from ground.comparing.ranking import Ranking
 
     ranking = Ranking("held_out", ["run"], {"a": 0.1}, [], [])
-    found = dict(words.lines(ranking, None, "a.yaml"))
+    found = dict(words.lines(ranking, None, ground.Model.load(MODEL)))
     assert "longer runs" in found["Next"] and "noise floor" not in found["Next"]
 
 

@@ -80,6 +80,7 @@ def test_fit_and_compare_say_it_and_change_nothing(tmp_path):
     options = ("--mapping", mapping, "--model", MODEL)
     result = succeeds("fit", folder, *options, "-o", tmp_path / "fitted.yaml")
     assert result.stderr.count("left and right seem to be swapped") == 1
+    assert "swap" in result.stdout.partition("Next:")[2].partition("parameter")[0]
     result = succeeds("compare", folder, *options, "--numbers", "-o", tmp_path / "compared")
     assert result.stderr.count("left and right seem to be swapped") == 1
     (found,) = ground.read(folder, mapping=mapping)

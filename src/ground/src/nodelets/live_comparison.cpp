@@ -243,7 +243,7 @@ class LiveComparison : public Shell {
     }
     if (message.failure == std::exchange(c.failure, message.failure)) return;
     if (failing.empty()) {
-      NODELET_INFO("live_comparison: %s predicts the motion again", c.name.c_str());
+      NODELET_INFO("live_comparison: %s predicts as before its failure", c.name.c_str());
     } else {
       NODELET_WARN("live_comparison: %s %s; to find what is missing: %s", c.name.c_str(),
                    message.failure.c_str(), message.next.c_str());

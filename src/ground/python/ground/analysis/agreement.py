@@ -29,6 +29,7 @@ from ground.support.records import NULL
 ALIKE = 0.9  # least correlation of commands that count as the same: edges are some milliseconds apart
 FINEST = 10.0  # periods of the highest frequency in a horizon: faster pushes hardly move a craft in it
 MOST_PAIRS = 20
+MIN_SHARE = 0.05  # of the squared error, from which a random disturbance is more than its prior
 FIRST, DRAWS = 19, 99  # artificial recordings; more than the first only where the real ones are extreme
 
 
@@ -62,6 +63,12 @@ class Agreement:
     holds: bool
     frequency: Optional[float]  # [Hz] that stands out most, where it is why they do not agree
     common: Optional[Common]  # None where no commands were given twice
+
+    @property
+    def is_pushed(self) -> bool:
+        """Whether the data, not their priors, determine the levels of the random disturbance."""
+        error = self.error
+        return not error.expected**2 - error.noise**2 < MIN_SHARE * error.measured**2
 
 
 @dataclass(frozen=True)

@@ -391,6 +391,27 @@ def levels_of(disturbance: _core.Disturbance) -> Optional[Dict[str, float]]:
     return levels
 
 
+def disturbance_of(levels: Dict[str, float], varies: bool) -> _core.Disturbance:
+    """A model's own disturbance of the levels of the likelihood. A force along the axes of the room, which a
+    model file does not know, is one in the body frame here. varies: whether the trims are more than their
+    prior."""
+    found, room = _core.Disturbance(), np.array([1.0, 1.0, 0.0]) * levels["sigma_room"] ** 2
+    body = np.array([levels["sigma_" + channel] for channel in "XYN"]) ** 2
+    times = np.array([levels["time_" + channel] for channel in "XYN"])
+    found.sigma = _rounded(np.sqrt(body + room))
+    found.time = _rounded((body * times + room * levels["time_room"]) / np.maximum(body + room, 1e-300))
+    found.white = _rounded(np.array([levels["white_" + channel] for channel in "XYN"]))
+    if varies:
+        found.trim = _rounded(np.array([levels["trim_" + channel] for channel in "XYN"]))
+        found.trim_thrust = float("%.3g" % levels["thrust"])
+    return found
+
+
+def _rounded(values: Array) -> Array:
+    """The values with three digits."""
+    return np.array([float("%.3g" % value) for value in values])
+
+
 def _slow(steps: Array, sigma: float, time: float, random: Random) -> Array:
     """An Ornstein-Uhlenbeck process of a deviation and correlation time [s] before each step [s]."""
     left = np.exp(-steps / time)

@@ -185,7 +185,7 @@ class Comparison(_Frame, Plotted):
 
     def headline(self, written: str = "") -> List[Line]:
         """First lines of the report: which model predicts best, by how much, and what to do next."""
-        return words.lines(self.ranking, self.prediction, self.models[self.best].path, written)
+        return words.lines(self.ranking, self.prediction, self.models[self.best], written)
 
     def table(self) -> Iterator[str]:
         """Lines of text: errors of the models over all runs."""

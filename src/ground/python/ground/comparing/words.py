@@ -6,25 +6,31 @@ from typing import List, Optional
 
 from ground.analysis.horizon import PredictionError
 from ground.comparing.ranking import Ranking
+from ground.models import Model
 from ground.reports import words
 from ground.reports.words import listed, off
 from ground.support.headline import Line
 from ground.support.quantities import is_as_mocap
 
+FEW = 4  # recordings that are named
 SLIGHTLY = 1.1  # ratio of the errors of two models below which one is slightly better
 
 
-def lines(ranking: Ranking, found: Optional[PredictionError], file: str, page: str = "") -> List[Line]:
-    """All first lines. found: errors of predicted poses; file: of the best model; page: its file; empty: none
-    is written, and commands are for Python."""
+def lines(ranking: Ranking, found: Optional[PredictionError], model: Model, page: str = "") -> List[Line]:
+    """All first lines. found: errors of predicted poses; model: the best; page: its file; empty: none is
+    written, and commands are for Python."""
     best = ranking.best
     head = [("Best" if len(ranking.errors) > 1 else "Model", _best(ranking, found))]
     if found:
         shown = ["%s %s" % (label, off(error)) for label, error in found.errors.items()]
         told = "%s (noise floor: %s%s)" % ("; ".join(shown), off(found.mocap), _pushed(best, found))
         head.append((words.after(found.seconds), told))
-    finds = words.diagnosing("comparison.models[%r]" % best, page and (file or "MODEL"))
-    head.append(("Next", _next(ranking, finds, found)))
+    fitted_to = list(model.core.provenance.bags) if ranking.role == "held_out" else []
+    name, file = "comparison.models[%r]" % best, page and (model.path or "MODEL")
+    finds = words.diagnosing(name, file, bool(fitted_to))
+    named = " (%s)" % listed(fitted_to) if len(fitted_to) <= FEW else ""
+    how = ", diagnose the runs of its fit%s with these held out" % named if fitted_to else ""
+    head.append(("Next", _next(ranking, finds, how, found)))
     return head + [("Details", page)] * bool(page)
 
 
@@ -47,6 +53,13 @@ def _best(ranking: Ranking, found: Optional[PredictionError]) -> str:
             others[0],
             found.seconds,
         )
+    by = [b / a for a, b in zip(astuple(found.errors[best]), astuple(found.errors[others[0]])) if a > 0]
+    if ratio < SLIGHTLY and min(by, default=1) < 1 < max(by, default=1):
+        better, worse = ("positions", "headings") if by[0] > 1 else ("headings", "positions")
+        told = (
+            "%s - its error over windows is the least: it predicts %s slightly better than %s, but %s worse."
+        )
+        return told % (best, better, others[0], worse)
     if ratio < SLIGHTLY:
         return "%s - it %s these runs slightly better than %s." % (best, does, listed(others))
     return "%s - it %s these runs %s times as well as %s." % (best, does, words.two_digits(ratio), others[0])
@@ -59,9 +72,9 @@ def _pushed(best: str, found: PredictionError) -> str:
     return "; with the random disturbance of %s: %s" % (best, off(found.disturbed))
 
 
-def _next(ranking: Ranking, finds: str, found: Optional[PredictionError]) -> str:
-    """What to do next; finds: the command that finds what is missing."""
-    best, more = ranking.best, words.more_acts(found, ranking.best, finds)
+def _next(ranking: Ranking, finds: str, how: str, found: Optional[PredictionError]) -> str:
+    """What to do next; finds: the command that finds what is missing; how: which runs it takes."""
+    best, more = ranking.best, words.more_acts(found, ranking.best, finds, how)
     if ranking.role == "fit":
         asked = "which model predicts better" if len(ranking.errors) > 1 else "how well it predicts"
         used = listed(ranking.fitted)
@@ -74,7 +87,7 @@ def _next(ranking: Ranking, finds: str, found: Optional[PredictionError]) -> str
     if ranking.equal:
         return "record more runs to decide, or use the simplest model"
     if more:
-        return "use %s: its random disturbance explains its errors" % best
+        return "use %s: its errors are no larger than those that its random disturbance leaves" % best
     if not found:
         return "use %s; record longer runs to measure its prediction error" % best
     if not math.isfinite(found.mocap.position_mm):

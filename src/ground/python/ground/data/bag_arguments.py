@@ -93,9 +93,16 @@ def _options_typed(arguments: argparse.Namespace) -> Iterator[str]:
 
 
 def typed(arguments: argparse.Namespace) -> List[str]:
-    """The recordings and the options to read them, as a command line gives them."""
+    """The recordings, those to hold out, and the options to read them, as a command line gives them."""
+    held_out = getattr(arguments, "holdout", [])
     as_recorded = ["--as-recorded"] * getattr(arguments, "as_recorded", False)
-    return [*arguments.bags, *_options_typed(arguments), *as_recorded]
+    return [
+        *arguments.bags,
+        *["--holdout"] * bool(held_out),
+        *held_out,
+        *_options_typed(arguments),
+        *as_recorded,
+    ]
 
 
 def with_bags(arguments: argparse.Namespace, line: str) -> str:

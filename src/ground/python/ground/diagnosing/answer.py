@@ -12,7 +12,7 @@ from ground.diagnosing import words
 from ground.diagnosing.report import AddedEffect, DiagnosisReport, ScreenedEffect, TriedEffect
 from ground.effect_library import candidates
 from ground.reports import effect_words
-from ground.reports.words import capital, is_pushed, listed, number, off, prediction, ratio
+from ground.reports.words import capital, is_pushed, listed, number, off, prediction, ratio, unit_of_length
 from ground.support import records
 from ground.support.annotations import Document
 from ground.support.headline import Line
@@ -284,6 +284,9 @@ def _next(report: DiagnosisReport, folder: str) -> str:
     corrected = _corrected(report, folder)
     if corrected:
         return corrected
+    unit = unit_of_length(p.named(name) for name, p in report.improved.parameters.items())
+    if unit:
+        return "check the unit of the positions, and diagnose again: %s" % unit
     nameless, open_still = kind in ("unexplained", "memory"), kind == "missing" and bool(_rest(report))
     flies = proposed and (proposed.launch if folder else proposed.call or proposed.launch)
     if proposed and any(len(step.group) > 1 for step in report.steps):

@@ -9,14 +9,15 @@ from typing import Callable, List, Optional, Sequence
 
 import numpy as np
 
-from ground.analysis import diagnosis
+from ground import _core
+from ground.analysis import diagnosis, window_error
 from ground.analysis.verdict import MISREAD, conclude
 from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, held_out, measured
 from ground.data.read import Recordings
 from ground.diagnosing import answer, reporting
 from ground.diagnosing.drawn import REFITTED, Drawn
-from ground.diagnosing.report import Mistake, NextExperiment
+from ground.diagnosing.report import DiagnosisReport, Mistake, NextExperiment
 from ground.diagnosing.result import Diagnosis, prepare
 from ground.effect_library import candidates
 from ground.effect_library.effects import Effect, EffectLike
@@ -165,7 +166,8 @@ def diagnose(
             for one in (conclusion.before, conclusion.after)
         )
         parameters = {name: p.named(name) for name, p in report.improved.parameters.items()}
-        improved = fitted_model(conclusion.improved, seen.recordings, before, after, parameters)
+        told = _with_disturbance(conclusion.improved, report)
+        improved = fitted_model(told, seen.recordings, before, after, parameters)
     from ground.checks import findings
 
     read = [run.path for run in seen.recordings + held.recordings]
@@ -183,6 +185,16 @@ def diagnose(
         inputs=[path for path in read if path],
     )
     return Diagnosis.of(report, improved, planned and planned.rows, drawn)
+
+
+def _with_disturbance(model: _core.Model, report: DiagnosisReport) -> _core.Model:
+    """The improved model with the random disturbance of the runs, where this is what it leaves."""
+    is_known = report.verdict in ("complete", "missing", "varies") and not report.changes
+    if not (is_known and report.agreement.holds and report.agreement.is_pushed):
+        return model
+    found = model.copy()
+    found.disturbance = window_error.disturbance_of(report.disturbance, bool(report.varies))
+    return found
 
 
 def _what_matters(text: Optional[str]) -> Optional[Array]:

@@ -12,7 +12,6 @@ from ground.reading.recording import POSE
 from ground.reports.words import capital, listed, number, off
 from ground.support.quantities import quantity, with_interval
 
-MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
 MIN_ROOM = 0.3  # part of the random wrench's force from which a force in the room is reported
 MIN_ARGUMENT = 0.1  # least share of an argument that is named
 
@@ -150,9 +149,8 @@ def left(report: DiagnosisReport) -> Iterator[str]:
                 off(found.change),
             )
         yield "%s was not added: %s." % (name, why)
-    error = report.agreement.error
-    if error.expected**2 - error.noise**2 < MIN_SHARE * error.measured**2:
-        return  # levels this low are determined by their priors, not by the data
+    if not report.agreement.is_pushed:
+        return
     levels = report.disturbance
     pushes = [
         "%s (correlation time %.2g s) in %s"

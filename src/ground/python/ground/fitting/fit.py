@@ -21,6 +21,7 @@ from ground.fitting.identifiability import WindowEstimates
 from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model
 from ground.poses import time_scales
+from ground.reading.recording import NOT_SECONDS
 from ground.support import command_line
 from ground.support.command_line import count, option
 from ground.support.errors import GroundError, warn
@@ -150,8 +151,9 @@ def fit(
         estimates.parameters[name] = p
     from ground.fitting import closed_loop
 
-    for name in closed_loop.closed(seen.runs, seen.data, found.model):
-        warn(CLOSED % name)
+    if not _corrections(seen, given):  # which may look like a closed loop
+        for name in closed_loop.closed(seen.runs, seen.data, found.model):
+            warn(CLOSED % name)
     if not found.result.converged:
         warn("the fit has not converged after %d iterations" % found.result.iterations)
     runs: List[RunFit] = []
@@ -304,7 +306,17 @@ def _result(
         freedom=estimates.freedom,
         given=given,
         data=seen.data,
+        corrections=_corrections(seen, given),
     )
+
+
+def _corrections(seen: Measured, given: Model) -> List[str]:
+    """What corrects recordings that a fit would be wrong with."""
+    wrong = [one for one in seen.findings if one.misread]
+    if "heading_offset" not in given.effects:
+        wrong += [one for one in seen.findings if one.kind == "offset"]
+    slow = any(NOT_SECONDS in text for run in seen.recordings for text in run.warnings)
+    return list(dict.fromkeys([one.remedy for one in wrong] + ["unit: ms under time"] * slow))
 
 
 def _by_kind(errors: Errors) -> Tuple[Dict[str, float], Dict[str, float]]:

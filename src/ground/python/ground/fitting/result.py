@@ -121,6 +121,8 @@ class Fit(Shown, Plotted, Estimated):
     correlations: Array = field(compare=False)
     freedom: float  #: degrees of freedom of Student's t for the intervals
     data: List[_core.RunData] = field(compare=False)  #: the parts of the runs fitted to
+    #: what corrects recordings that look misread
+    corrections: List[str] = field(default_factory=list, compare=False)
     #: for several runs, fits that leave out some of them; they give the bands of predictions
     parts: "List[FitWithout]" = field(default_factory=list, compare=False)
 
@@ -306,6 +308,11 @@ class Fit(Shown, Plotted, Estimated):
 
         if self.given.doubts:
             return "correct the given model, and fit again: %s" % self.given.doubts[0]
+        if self.corrections:
+            return "correct how the recordings are read (%s), and fit again" % "; ".join(self.corrections)
+        unit = words.unit_of_length(self.parameters.values())
+        if unit:
+            return "check the unit of the positions, and fit again: %s" % unit
         if self.runaway:
             far = ("%s = %.2g %s" % (p.name, p.value, p.unit) for p in self.runaway)
             return (

@@ -116,7 +116,9 @@ class LiveViewer:
         view.missing(model, at, label, error.wrench, error.wrench_noise)
         if error.failure != self._failures.get(label, ""):
             words = (
-                "%s; next: %s" % (error.failure, error.next) if error.failure else "predicts the motion again"
+                "%s; next: %s" % (error.failure, error.next)
+                if error.failure
+                else "predicts as before its failure"
             )
             view.say(at, label, words, "warning" if error.failure else "info")
             self._failures[label] = error.failure

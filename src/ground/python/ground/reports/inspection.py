@@ -135,7 +135,7 @@ class _Followed(NamedTuple):
 
     @property
     def later(self) -> str:
-        return " with a delay of %.0f ms" % self.late if self.late >= 1 else ""
+        return ", most closely after %.0f ms" % self.late if self.late >= 1 else ""
 
 
 def _followed(

@@ -3,15 +3,18 @@
 import math
 import shlex
 from dataclasses import astuple
-from typing import List, Optional, Union
+from typing import Iterable, List, Optional, Union
 
 from ground.analysis.horizon import PoseError, PredictionChange, PredictionError
+from ground.models import Parameter
 from ground.support import quantities
 from ground.support.headline import Line
 
 # Least ratio to the noise floor from which more acts than the model has: above the scatter of
 # some seven independent predictions
 MORE_ACTS = 2.0
+SAME_CHANGE = 0.1  # of two parameters, relative
+OTHER_UNIT = 2.0  # least ratio of two units of length that are confused: in and cm are 2.54
 LEAST = 1e-9  # error that is as good as none [mm], [deg]
 
 
@@ -85,23 +88,47 @@ def is_pushed(found: PredictionError) -> bool:
     return not quantities.is_as_mocap(astuple(disturbed), astuple(found.mocap))
 
 
-def more_acts(found: Optional[PredictionError], name: str, finds: str) -> str:
+def more_acts(found: Optional[PredictionError], name: str, finds: str, how: str = "") -> str:
     """What to do if the errors of predicted poses clearly exceed the noise floor, else nothing. finds: the
-    command that finds what is missing."""
+    command that finds what is missing; how: which runs it takes."""
     ratio = times_the_mocap(found, name)
     if not ratio > MORE_ACTS:
         return ""
     return (
         "prediction errors are %s times the noise floor: an effect is missing, or a random "
-        "disturbance acts. To find out which:\n%s" % (two_digits(ratio), finds)
+        "disturbance acts. To find out which%s:\n%s" % (two_digits(ratio), how, finds)
     )
 
 
-def diagnosing(model: str, written: str) -> str:
-    """The command that finds what is missing in a model, by its name in Python or by its file."""
+def unit_of_length(parameters: Iterable[Parameter]) -> str:
+    """Why positions are perhaps in another unit than they were read in, else nothing: motion alone does not
+    show it. In a unit that is s times too small, k, I_z and N_r of the same motion are 1 / s times the true
+    ones, X_u and Y_v are as they were; so the given model shows it."""
+    known = {p.name: p for p in parameters if p.identified and p.start and p.value / p.start > 0}
+    if not {"k", "I_z"} <= set(known):
+        return ""
+    change = {name: math.log(p.value / p.start) for name, p in known.items()}
+    by = (change["k"] + change["I_z"]) / 2
+    alike = abs(change["k"] - change["I_z"]) < SAME_CHANGE and abs(by) > math.log(OTHER_UNIT)
+    scaled = [name for name in ("k", "I_z", "N_r") if name in known]
+    kept = [name for name in ("X_u", "Y_v") if name in known]
+    if not alike or any(abs(change[name] - by) > abs(by) / 2 for name in scaled):
+        return ""
+    if not kept or any(abs(change[name]) > abs(by) / 2 for name in kept):
+        return ""
+    told = "%s are %s times those of the given model, %s not: if it is a model of this craft, positions were "
+    are = "%s %s" % (listed(kept), "are" if len(kept) > 1 else "is")
+    return told % (listed(scaled), two_digits(math.exp(by)), are) + "read in a wrong unit"
+
+
+def diagnosing(model: str, written: str, is_held_out: bool = False) -> str:
+    """The command that finds what is missing in a model, by its name in Python or by its file. is_held_out:
+    the recordings at hand only test it, those of the model's fit are searched."""
     if not written:
-        return "ground.diagnose(%s, RECORDINGS)" % model
-    return "rosrun ground identify diagnose BAGS --model %s -o diagnosis" % shlex.quote(written)
+        runs = "FITTED_RECORDINGS, holdout=RECORDINGS" if is_held_out else "RECORDINGS"
+        return "ground.diagnose(%s, %s)" % (model, runs)
+    runs = "FITTED_BAGS --holdout BAGS" if is_held_out else "BAGS"
+    return "rosrun ground identify diagnose %s --model %s -o diagnosis" % (runs, shlex.quote(written))
 
 
 def times_the_mocap(found: Optional[PredictionError], name: str) -> float:
