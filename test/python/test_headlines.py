@@ -222,6 +222,17 @@ def test_an_effect_that_does_not_help_to_predict_is_not_confirmed(report):
         assert ("record more runs" in dict(lines)["Next"]) != confirmed, lines
 
 
+def test_many_effects_begin_with_what_they_leave_together(report):
+    found, given = copy.deepcopy(report), report["prediction"]["errors"]["given"]
+    for share in (0.2, 0.8):
+        found["prediction"]["errors"]["improved"] = {name: share * e for name, e in given.items()}
+        found["steps"] = report["steps"]
+        assert "%.0f%%" % (100 * share) not in lines_of(found)[0][1]
+        found["steps"] = 5 * report["steps"]
+        told = lines_of(found)[0][1]
+        assert "%.0f%%" % (100 * share) in told and ("unexplained" in told) == (share > 0.5), told
+
+
 def test_what_swings_is_named_where_an_effect_was_refuted_too(report):
     """The next step is to switch it off."""
     dropped = dict(effect="input_delay", parameters={}, why="it fails", p=0.1, p_corrected=1.0, change=None)

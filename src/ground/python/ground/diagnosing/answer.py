@@ -21,6 +21,7 @@ LIKELIER = "likelier, but predicts worse than the model without it"
 NOT_SIGNIFICANT = "not significant among the %d effects tried"
 NOT_JUDGED = "likelier; its predictions were not tested"
 MAX_SIZES = 3  # parameters of an effect that a row of its search has
+FEW = 3  # effects that need no sentence on all of them
 DENIED = 0.0499  # at an end of an interval of 95% the probability is 0.05, but for rounding
 # Words by the largest probability of as much evidence without the effect
 CERTAINTY = ((1e-6, "Very certain"), (1e-3, "Certain"), (math.inf, "Likely"))
@@ -111,6 +112,8 @@ def _answers(report: DiagnosisReport) -> Iterator[str]:
         for found in report.findings:
             yield found.sentence
         return
+    if len(report.steps) > FEW:
+        yield _all_together(report)
     for step in report.steps:
         yield _effect(report, step)
     if report.varies and report.verdict != "varies":
@@ -124,6 +127,17 @@ def _answers(report: DiagnosisReport) -> Iterator[str]:
         yield "The model is fitted by simulation error, which predicts better than the likelihood fit."
     if report.steps and not rest and _rest_matters(report):
         yield capital(_left(report))
+
+
+def _all_together(report: DiagnosisReport) -> str:
+    """What many effects do together, before each of them."""
+    told = "%d effects, the most needed first" % len(report.steps)
+    if report.prediction:
+        left = 1 / ratio(*(report.prediction.errors[name] for name in ("given", "improved")))
+        told += "; together they leave %.0f%% of the prediction error" % (100 * left)
+        if left > 1 / 2:
+            told += ", and so much is still unexplained that other runs may show other effects"
+    return told + "."
 
 
 def _effect(report: DiagnosisReport, step: AddedEffect) -> str:
