@@ -291,6 +291,69 @@ def mapped(path, text=MAPPING, **options):
     return found
 
 
+FRAMED = MAPPING.replace("{field: psi}", '{field: psi, unit: rad}\n  axes: "x, -y, -z"')
+OFFSET = MAPPING.replace("{field: psi}", "{field: psi, sign: -1}\n  heading_offset: 0.5")
+
+
+def turned_to(folder, heading, rate=100.0, form="%.4f"):
+    """A table of a craft with headings (n,) in any unit, at a rate [Hz]."""
+    times, zeros = np.arange(len(heading)) / rate, np.zeros(len(heading))
+    columns = {"t": times, "x": np.sin(times), "y": np.cos(times), "psi": numbers(heading, form)}
+    return written(folder, {**columns, "left": zeros + 0.5, "right": zeros, "lift": zeros + 1})
+
+
+def swung(yaw_rate=3.0, duration=20.0, rate=100.0):
+    """Headings of a craft that turns both ways, with noise [rad]."""
+    times = np.arange(0, duration, 1 / rate)
+    psi = yaw_rate * (times + 3 * np.sin(times))
+    return psi + np.random.default_rng(1).normal(0, 4e-3, len(times))
+
+
+DEGREES = {
+    "within half a turn": lambda psi: DEG * np.angle(np.exp(1j * psi)),
+    "within a turn": lambda psi: DEG * psi % 360,
+    "unwrapped": lambda psi: DEG * psi,
+}
+
+
+@pytest.mark.parametrize("mapping", [MAPPING, FRAMED, OFFSET], ids=["planar", "axes", "offset"])
+@pytest.mark.parametrize("rate", [100.0, 5.0])
+@pytest.mark.parametrize("way", DEGREES)
+def test_degrees_read_as_radians_are_refused(way, rate, mapping, tmp_path):
+    """Whatever the mapping does to the heading later."""
+    path = turned_to(tmp_path, DEGREES[way](swung(rate=rate)), rate)
+    with pytest.raises(ground.GroundError, match=r"log.csv.*degrees.*heading: \{field: psi, unit: deg\}"):
+        mapped(path, mapping)
+    mended = mapping.replace(", unit: rad", "").replace("field: psi", "field: psi, unit: deg")
+    assert len(mapped(path, mended).eta)
+
+
+def near_north():
+    """Headings that step by a turn most of the time."""
+    return np.random.default_rng(1).normal(0, 0.05, 2000)
+
+
+RADIANS = {
+    "within half a turn": (np.angle(np.exp(1j * swung())), 100.0),
+    "within a turn": (swung() % math.tau, 100.0),
+    "north, within a turn": (near_north() % math.tau, 100.0),
+    "north, within another turn": (0.8 + (near_north() - 0.8) % math.tau, 100.0),
+    "unwrapped over 421 turns": (np.arange(0, 421 * math.tau, 0.2), 100.0),
+    "fast, within half a turn": (np.angle(np.exp(0.2j * np.arange(2000))), 100.0),
+    "rare, within half a turn": (np.angle(np.exp(1j * swung(rate=5.0))), 5.0),
+    "rare, within a turn": (swung(rate=5.0) % math.tau, 5.0),
+    "rare, unwrapped and fast": (np.arange(0, 600, 4.0), 5.0),
+    "rare, fast, within a turn": (np.arange(0, 600, 4.0) % math.tau, 5.0),
+}
+
+
+@pytest.mark.parametrize("mapping", [MAPPING, FRAMED], ids=["planar", "axes"])
+@pytest.mark.parametrize("way", RADIANS)
+def test_radians_are_not_taken_for_degrees(way, mapping, tmp_path):
+    psi, rate = RADIANS[way]
+    assert len(mapped(turned_to(tmp_path, psi, rate), mapping).eta) == len(psi)
+
+
 def test_units_of_names_and_cells_are_taken_where_the_mapping_has_none(run, tmp_path):
     columns = {"t_ms": 1e3 * run.times, "x_mm": 1e3 * run.x, "y_mm": 1e3 * run.y, "psi_deg": DEG * run.psi}
     columns["left [%]"] = 100 * run.left

@@ -206,3 +206,37 @@ def test_verbs_store_the_mapping_beside_their_result(run, tmp_path):
     (found,) = ground.read(path)
     (again,) = ground.read(path, mapping=stored)
     assert identical(found, again) and stored.read_text() == found.mapping
+
+
+def remarks(given):
+    return [one for one in given if "undecided: " in one]
+
+
+def test_a_mapping_with_lines_to_decide_warns_until_they_are_decided(run, tmp_path):
+    paths = [
+        written(tmp_path, told(run, NAMES.replace("x [m]|y [m]", "x|y"), x=run.x + i), name="%d.csv" % i)
+        for i in range(2)
+    ]
+    mapping, fitted = tmp_path / "M.yaml", tmp_path / "fitted.yaml"
+    assert identify("info", paths[0], "--write-mapping", mapping).returncode == 0
+    lines = mapping.read_text().splitlines()
+    guesses = [i for i, line in enumerate(lines, 1) if "undecided: " in line]
+    assert guesses
+    with pytest.warns(ground.GroundWarning, match="M.yaml, line %d .*no unit is given" % guesses[0]):
+        runs = ground.read(paths, mapping=mapping)
+    for one in runs:
+        assert len(remarks(one.warnings)) == len(guesses)
+    for verb in (["info"], ["fit", "--model", MODEL, "-o", fitted]):
+        result = identify(*verb, *paths, "--mapping", mapping)
+        assert len(remarks(result.stderr.splitlines())) == len(guesses), result.stderr
+        assert "nothing to correct" not in result.stdout
+    mapping.write_text("\n".join(line.split("  # ")[0] for line in lines))
+    assert [remarks(one.warnings) for one in ground.read(paths, mapping=mapping)] == [[], []]
+
+
+@pytest.mark.filterwarnings("ignore::ground.support.errors.GroundWarning")
+@pytest.mark.parametrize("up", [False, True])
+def test_a_draft_that_the_motion_decides_leaves_no_such_warning(run, tmp_path, up):
+    sign = -1 if up else 1
+    (found,) = ground.read(written(tmp_path, told(run, y=sign * run.y, psi=sign * run.psi)))
+    assert found.mapping and found.warnings == []

@@ -224,6 +224,11 @@ def test_bad_recordings_are_refused_with_a_reason(tmp_path, guess, change, words
     assert not out.exists()
 
 
+def test_degrees_in_a_bag_are_refused_before_they_are_turned(tmp_path):
+    path = write_bag(tmp_path / "bad.bag", change=wrapped_degrees)
+    fails(identify("info", path, "--heading-offset", "0.5"), "bad", "degrees", "unit: deg")
+
+
 def test_bad_files_are_refused_with_a_reason(tmp_path, bag, guess):
     import rosbag
     from std_msgs.msg import Float64

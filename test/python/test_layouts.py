@@ -110,6 +110,19 @@ def test_what_the_commands_cannot_show_is_said():
     assert idle.why == "front_left hardly changes"
 
 
+def test_commands_that_explain_no_force_do_not_support_the_channels():
+    other = flown(4).eta[:, :2]
+    verdict = layouts.judge([flown(1, change=lambda eta, c: (np.column_stack([other, eta[:, 2]]), c))], FOUR)
+    assert verdict.best.force < 0.02 and verdict.best.turn > 0.5
+    assert not layouts.sentence(verdict).startswith(layouts.AS_RECORDED)
+    assert "undecided" in layouts.sentence(verdict)
+
+
+def test_channels_that_the_motion_supports_are_as_recorded():
+    for run in (flown(1), flown(3, together=True)):
+        assert layouts.sentence(layouts.judge([run], FOUR)).startswith(layouts.AS_RECORDED)
+
+
 def test_info_says_which_channel_drives_which_thruster(tmp_path):
     run = mistakes.Recorded(5)
     mistakes.swapped(run)

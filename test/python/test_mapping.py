@@ -101,3 +101,16 @@ def test_what_is_wrong_is_named(text, wrong, reason, tmp_path):
 def test_nonsense_is_refused(text, tmp_path):
     with pytest.raises(GroundError, match="M.yaml: .*(not YAML|not a mapping|not of type)"):
         load(tmp_path, text)
+
+
+def test_lines_that_are_left_to_decide_are_named(tmp_path):
+    unit, axes, other = "no unit is given", "where z points", "other columns: m1"
+    text = WHOLE.replace("unit: mm, scale: 2}", "unit: mm}  # undecided: %s" % unit)
+    text = text.replace("  axes:", "  # axes:").replace('-z"', '-z"  # 0 to 1, undecided: %s' % axes)
+    text += "# undecided: %s\n" % other
+    numbers = [i for i, line in enumerate(text.splitlines(), 1) if "undecided: " in line]
+    found = load(tmp_path, text).undecided
+    assert len(found) == len(numbers) == 3
+    for warning, number, what in zip(found, numbers, (unit, axes, other)):
+        assert "M.yaml, line %d " % number in warning and what in warning
+    assert load(tmp_path, WHOLE.replace("/mocap", '"undecided: "')).undecided == ()

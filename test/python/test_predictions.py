@@ -91,11 +91,13 @@ def test_likelier_innovations_prove_and_do_not_outvote_a_veto():
     assert judge.compared(with_blocks(worse, likelier), with_blocks(small, nothing), MATTERS).is_worse
 
 
+@pytest.mark.filterwarnings("error")
 def test_a_motion_that_is_not_finite_never_wins():
     found, other = predicted(1, (1.0, 1.0))
     never = judge.Tested(np.full_like(found.poses, np.inf), found.part_of)
     assert judge.compared(never, found, MATTERS).is_worse and judge.compared(found, never, MATTERS).is_better
-    assert not judge.compared(never, never, MATTERS).is_better
+    for matters in (MATTERS, np.full(2, np.inf)):
+        assert not judge.compared(never, never, matters).is_better
     short = judge.Tested(np.empty((0, 2)), np.empty(0, int))
     assert judge.compared(short, short, MATTERS).verdict == "undecided"
 

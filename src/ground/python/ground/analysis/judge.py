@@ -68,7 +68,7 @@ def compared(larger: Tested, smaller: Tested, matters: Array) -> PairedCompariso
     matters, (2,)."""
     gain, gain_error = _gain(larger, smaller)
     rise, rise_error, deviations = _rise(larger.poses, smaller.poses, larger.part_of)
-    falls = bool((_rms(larger.poses) < _rms(smaller.poses) - matters).any())
+    falls = bool((_rms(larger.poses) + matters < _rms(smaller.poses)).any())  # either may be infinite
     is_large = not falls and any(_rises(larger, smaller, c, matters[c]) for c in range(len(matters)))
     verdict = "undecided"
     if rise > 0 and (is_large or deviations > DEVIATIONS):

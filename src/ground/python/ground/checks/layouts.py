@@ -35,6 +35,7 @@ CHANCE = 0.01  # that any wrong class is preferred to the right one, over all of
 MISALIGNED = 0.5  # largest angle of a force that may be the craft's own [rad]
 ROUNDED = 0.1  # a heading's offset that is nearer to a quarter turn is one [rad]
 MAX_LISTED, MAX_NAMED = 20, 3  # undecided hypotheses that are kept, and that are named
+LITTLE = 0.02  # share of forces or turns that commands explain, below which they support no hypothesis
 HARDLY = 0.3  # share of all classes; where more are open, none is named
 NOTHING = 1e-9  # share of the largest effect below which channels cancel each other
 IDLE, TOGETHER = 0.1, 0.95  # relative spread of a channel that hardly changes; correlation of two as one
@@ -448,7 +449,10 @@ def evidence(verdict: LayoutVerdict) -> str:
 def sentence(verdict: LayoutVerdict) -> str:
     """A verdict with its evidence, what is the same to any motion, and what cannot be decided."""
     names = verdict.recorded.hypothesis.channels
-    parts = ["%s: %s" % (suppositions(verdict.best.hypothesis, names, True), evidence(verdict))]
+    what = suppositions(verdict.best.hypothesis, names, True)
+    if verdict.is_as_recorded and verdict.undecided and min(verdict.best.force, verdict.best.turn) < LITTLE:
+        what = "whether channels and heading are as recorded is undecided"
+    parts = ["%s: %s" % (what, evidence(verdict))]
     if verdict.same and not verdict.is_as_recorded:
         same = "; or ".join(suppositions(one, names) for one in verdict.same)
         parts.append("indistinguishable in any motion: " + same)

@@ -196,7 +196,8 @@ def _looked_at(
 
 def _worst(d: Document) -> List[str]:
     """What of a run has to be looked at before it is used, in sentences."""
-    return [*findings.grave(d), *(w for w in d["warnings"] if CAME_LATE in w or NOT_SECONDS in w)]
+    grave = CAME_LATE, NOT_SECONDS, mapping.UNDECIDED
+    return [*findings.grave(d), *(w for w in d["warnings"] if any(said in w for said in grave))]
 
 
 def run(arguments: argparse.Namespace) -> List[Dict[str, object]]:

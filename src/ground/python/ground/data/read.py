@@ -164,7 +164,9 @@ def reading(
             found += runs
             for run in runs:
                 for warning in run.warnings:
-                    warn("%s: %s" % (run.path or path, warning), RecordingWarning)
+                    is_of_mapping = warning in mapping.undecided  # the same for all runs
+                    text = warning if is_of_mapping else "%s: %s" % (run.path or path, warning)
+                    warn(text, RecordingWarning)
     yield from distinct(found)
 
 

@@ -4,8 +4,9 @@ import re
 from typing import List
 
 from ground.reading import units
+from ground.reading.mapping import UNDECIDED
 
-MARK = "undecided: "  # before a guess without evidence
+MARK = UNDECIDED  # before a guess without evidence
 AXES = re.compile(r'(# )?axes: "(.*)"  # %s.*' % MARK)
 CLEAR = ("mostly", "clearly")  # a height that says which way is up, instead of one that is near 0
 SEEN = 'axes: "%s"  # so left and right turn the craft as it moves'

@@ -8,7 +8,7 @@ import json
 import math
 import os
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Type, TypeVar
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Type, TypeVar
 
 import numpy as np
 import yaml
@@ -38,6 +38,7 @@ NESTED = {
 }
 HEADER, RECEIPT = "header", "receipt"
 RANGE = (0.0, 1.0)  # default range of a command
+UNDECIDED = "undecided: "  # in a comment: the line is a guess without evidence
 
 
 @dataclass(frozen=True)
@@ -171,6 +172,7 @@ class FieldMapping:
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
     noise: Optional[Tuple[float, float]] = None  #: of positions [m], headings [rad]; None: their scatter
     frame_rate: Optional[float] = None  #: of the mocap's camera [Hz]; None: of stamps and motion
+    undecided: Tuple[str, ...] = ()  #: warnings of lines in the file that are left to decide
 
     def with_options(
         self,
@@ -241,19 +243,29 @@ def load(path: str) -> FieldMapping:
     """The FieldMapping in a file. GroundError names the key that is wrong."""
     try:
         with open(path, encoding="utf-8") as file:
-            content = yaml.load(file, LOADER)
+            text = file.read()
+        content = yaml.load(text, LOADER)
     except OSError as error:
         raise GroundError("%s: %s" % (path, reason(error)))
     except (ValueError, yaml.YAMLError, RecursionError) as error:
-        raise GroundError("%s: not YAML: %s" % (path, " ".join(str(error).split())))
+        why = " ".join(str(error).split()).replace('"<unicode string>", ', "")
+        raise GroundError("%s: not YAML: %s" % (path, why))
     if not isinstance(content, dict) or "schema" not in content:
         raise GroundError("%s: not a mapping: write schema: %s" % (path, SCHEMA))
     try:
         root = _plain(content)
         _check(root)
-        return _mapping(path, **root)
+        return replace(_mapping(path, **root), undecided=tuple(_undecided(path, text)))
     except ValueError as error:
         raise GroundError("%s: %s" % (path, error))
+
+
+def _undecided(path: str, text: str) -> Iterator[str]:
+    """Warnings of the lines that a draft marks as guesses."""
+    warning = "%s, line %d is a guess: %s; decide it, then delete the remark"
+    for number, line in enumerate(text.splitlines(), 1):
+        if UNDECIDED in line.partition("#")[2]:
+            yield warning % (path, number, line.strip())
 
 
 def _plain(value: Any, keys: Tuple[str, ...] = ()) -> Any:

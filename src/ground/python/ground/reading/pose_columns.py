@@ -6,7 +6,7 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.reading import containers, places, rows_apart, words
+from ground.reading import containers, places, rows_apart, units, words
 from ground.reading.containers import Columns, Topic
 from ground.reading.mapping import ANGLES, Poses
 from ground.reading.run_settings import Settings
@@ -161,6 +161,8 @@ def read(
             or places.unit_of(columns, paths[count:], {"deg"}, "headings are", notes)
             or "rad"
         )
+        if unit == "rad":  # as they are: a frame or an offset wraps them
+            units.require_radians(where, times, turned[:, 0], paths[count])
         turned *= ANGLES[unit] * poses.heading_sign
     apart, (placed, turned) = turned, rows_apart.together(placed, turned, times, 2 * np.pi)
     if turned is not apart:

@@ -60,7 +60,8 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
         container.path = path
         container.choose(mapping.namespace, mapping.commands.parts()[0].topic)
         found = of_container(container, mapping)
-    found = replace(found, payload=payload_of(found.name, mapping.loads))
+    warnings = [*mapping.undecided, *found.warnings]
+    found = replace(found, payload=payload_of(found.name, mapping.loads), warnings=warnings)
     if mapping.rows:  # one of several runs in a file
         return found
     # The description of a folder is not part of a run: the same run may be given without it.

@@ -549,13 +549,7 @@ def checked(
     every = controls[:, 1:].copy()
     for name, values in zip(channels, controls[:, 1:].T):
         _limit(path, name, every, values, (ranges or {}).get(name, RANGE), warnings)
-    if units.in_degrees(poses[:, 0], poses[:, 3]):
-        raise GroundError(
-            "%s: headings reach %.0f and change by up to %.1f from pose to pose: they seem to be in "
-            "degrees, but radians are needed; heading: {field: NAME, unit: deg} under poses in a "
-            "mapping turns them into radians"
-            % (path, np.abs(poses[:, 3]).max(), np.abs(np.diff(poses[:, 3])).max())
-        )
+    units.require_radians(path, poses[:, 0], poses[:, 3])
     controls = controls[np.argsort(controls[:, 0], kind="stable")]
     return Recording(
         name=os.path.splitext(os.path.basename(path))[0],

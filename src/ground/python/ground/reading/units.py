@@ -1,4 +1,4 @@
-"""What numbers are probably measured in: evidence for drafts of mappings and for suspicions."""
+"""What numbers are probably measured in: evidence for drafts of mappings, suspicions and errors."""
 
 from typing import Optional, Tuple
 
@@ -7,6 +7,7 @@ import numpy as np
 from ground import _core
 from ground.reading.mapping import LENGTHS
 from ground.support.annotations import Array
+from ground.support.errors import GroundError
 
 FASTEST = 15.0  # that a craft in a room goes [m/s]
 HASTY = 3.0  # the same of one whose poses are as noisy as in another unit
@@ -16,6 +17,7 @@ TYPICAL_SPEED = 0.6  # speed of a miniature hovercraft [m/s]
 TYPICAL_NOISE = 3e-4  # standard deviation of a mocap [m]
 SPEED_STEP = 0.1  # over which speeds are taken [s]
 TURN = 60.0  # faster turns are turns in degrees [rad/s]
+TURNED_ONCE = 2 * np.pi + 0.01  # with rounding [rad]
 # Axes by the vertical one of the mocap's, up and down.
 VERTICAL = (("y, -z, -x", "y, z, x"), ("x, z, -y", "x, -z, y"), ("x, -y, -z", "x, y, z"))
 
@@ -71,16 +73,29 @@ def command_unit(values: Array) -> Optional[str]:
 
 def in_degrees(times: Array, headings: Array) -> bool:
     """Whether headings (n,) are probably in degrees."""
-    if np.abs(headings).max() <= 2 * np.pi:
+    if min(np.abs(headings).max(), np.ptp(headings)) <= TURNED_ONCE:
         return False
     # Unwrapped radians have no jumps and change more slowly.
     return wraps(headings, 360.0) or speed(times, headings[:, None]) > TURN
 
 
+def require_radians(where: str, times: Array, headings: Array, field: str = "NAME") -> None:
+    """GroundError where headings (n,) of a field are probably in degrees. where: begins the message."""
+    known = np.isfinite(times) & np.isfinite(headings)
+    times, headings = times[known], headings[known]
+    if len(times) > 1 and in_degrees(times, headings):
+        raise GroundError(
+            "%s: headings reach %.0f and change by up to %.1f from pose to pose: they seem to be in "
+            "degrees, but radians are needed; heading: {field: %s, unit: deg} under poses in a "
+            "mapping turns them into radians"
+            % (where, np.abs(headings).max(), np.abs(np.diff(headings)).max(), field)
+        )
+
+
 def wraps(headings: Array, turn: float) -> bool:
     """Whether headings within a turn step by a turn in their unit, as in no other unit of angles."""
     steps = np.abs(np.diff(headings))
-    return bool(np.ptp(headings) <= turn and (np.abs(steps - turn) < turn / 6).any())
+    return bool(np.ptp(headings) <= 1.001 * turn and (np.abs(steps - turn) < turn / 6).any())
 
 
 def likely_axes(rows: Array) -> Tuple[str, float]:
