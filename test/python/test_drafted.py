@@ -54,6 +54,7 @@ def test_a_table_that_says_its_units_is_read_by_its_draft(run, tmp_path, up):
     assert ('axes: "x, -y, -z"' if up else 'axes: "x, y, z"') in found.mapping
     assert "undecided" not in found.mapping
     assert identical(found, read_again(path, found, tmp_path))
+    assert found.source.count(path.name) == 1
 
 
 @pytest.mark.parametrize(
@@ -69,7 +70,7 @@ def test_what_the_file_leaves_open_is_refused_with_the_line_to_decide(run, tmp_p
     columns = {name: factor * getattr(run, name) for name, factor in changed.items()}
     text = refusal(written(tmp_path, told(run, names, **columns)))
     assert "--write-mapping M.yaml drafts a mapping" in text
-    assert re.search("to decide in it: .*" + line, text), text
+    assert re.search(r"to decide in it:\n(.*\n)*  - .*" + line, text), text
 
 
 @pytest.mark.parametrize("further", ["clock", "mocap_x [m]"])
@@ -125,7 +126,7 @@ def ticks(run):
 def test_what_may_be_read_wrong_is_refused_with_the_line_to_decide(run, tmp_path, line, names, changed):
     columns = {name: column[: len(run.times)] for name, column in changed(run).items()}
     text = refusal(written(tmp_path, told(run, names, **columns)))
-    assert re.search("to decide in it: .*" + line, text), text
+    assert re.search(r"to decide in it:\n(.*\n)*  - .*" + line, text), text
 
 
 @pytest.mark.parametrize("named", ["x_enu [m]|y_enu [m]", "x_east [m]|y_north [m]", ""])
@@ -136,7 +137,9 @@ def test_left_and_right_that_contradict_the_frame_are_refused(run, tmp_path, nam
     up = {"y": -run.y, "psi": -run.psi, **high}
     assert len(ground.read(written(tmp_path, told(run, names, **up), name="sound.csv"))) == 1
     swapped = told(run, names, left=run.right, right=run.left, **up)
-    assert re.search("swapped" if named else "to decide in it: axes", refusal(written(tmp_path, swapped)))
+    assert re.search(
+        "swapped" if named else "to decide in it:\n  - axes", refusal(written(tmp_path, swapped))
+    )
 
 
 def test_names_that_the_motion_refutes_are_refused(run, tmp_path):
@@ -173,7 +176,7 @@ def test_a_craft_that_rests_at_zero_is_not_lost(run, tmp_path):
 def test_a_flag_that_may_be_of_something_else_is_to_decide(run, tmp_path):
     columns = {**told(run), "lidar_valid": 1.0 * (np.arange(len(run.x)) % 100 > 3)}
     assert re.search(
-        "to decide in it: .*valid: lidar_valid  # undecided", refusal(written(tmp_path, columns))
+        "to decide in it:\n  - .*valid: lidar_valid  # undecided", refusal(written(tmp_path, columns))
     )
 
 
@@ -184,7 +187,7 @@ def test_clocks_that_drift_apart_are_refused_with_the_key_that_corrects_them(tmp
     written(tmp_path, {name: columns[name] for name in poses}, name="pose.csv")
     commands = {name: column for name, column in told(run).items() if name not in poses[1:]}
     written(tmp_path, commands, name="cmd.csv")
-    assert re.search(r"to decide in it: .*clock_drift: -0\.0(28|29|30)", refusal(tmp_path))
+    assert re.search(r"to decide in it:\n(.*\n)*  - .*clock_drift: -0\.0(28|29|30)", refusal(tmp_path))
 
 
 def test_a_mapping_that_is_given_is_not_drafted(run, tmp_path):

@@ -341,7 +341,30 @@ def test_a_misspelt_option_is_named_with_the_nearest(arguments, wrong, right):
 def test_a_program_of_one_verb_names_a_misspelt_option_too():
     told = "track: there is no option --sized (did you mean --size?)"
     fails(program("track", "--sized", 3), told, status=2)
-    fails(program("track", "--nothing-like-it"), "there is no option --nothing-like-it (track", status=2)
+    fails(program("track", "--nothing-like-it"), "there is no option --nothing-like-it", status=2)
+
+
+@pytest.mark.parametrize(
+    "arguments, form",
+    [
+        (
+            ["add", "a.bag", "--model", "m", "-o", "o", "--effect", "wind"],
+            "EFFECT BAG ... --model M.yaml -o N",
+        ),
+        (["add", "wind", "--model", "m", "-o", "o"], "add EFFECT BAG ..."),
+        (["export", "--python", "m", "-o", "o.py"], "export MODEL -o FILE.py"),
+        (["export", "m", "o.py"], "export MODEL -o FILE.py"),
+    ],
+)
+def test_arguments_that_make_no_command_are_answered_with_the_form(arguments, form):
+    fails(identify(*arguments), form, status=2)
+
+
+@pytest.mark.parametrize("option", ["--disturbance", "--trim", "--loss"])
+def test_a_share_in_per_cent_is_answered_with_the_number(option):
+    given = ["simulate", "--model", "m", "--input", "prbs", "-o", "o.bag"]
+    fails(identify(*given, option, "2%"), option, "write 0.02", status=2)
+    fails(identify(*given, option, "x%"), option, "invalid number", status=2)
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,10 @@ def test_files_that_no_reader_takes_are_refused(log, tmp_path):
     (tmp_path / "run.exe").write_bytes(b"MZ\0\0")
     with pytest.raises(ground.GroundError, match="run.exe: neither a bag nor a table$"):
         ground.read("run.exe")
+    for kind in ("model", "mapping"):
+        (tmp_path / "f.yaml").write_text("# of a craft\nschema: ground/%s/1\n" % kind)
+        with pytest.raises(ground.GroundError, match="a %s, not a recording.*--%s" % (kind, kind)):
+            ground.read(tmp_path / "f.yaml")
     for name in ("log.csv", "run.log"):
         with pytest.raises(ground.GroundError, match=name + ": .*--write-mapping M.yaml"):
             ground.read(name)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import ground
 from conftest import MODEL, ROOT, fails, identify, json_of, process, program, succeeds
 
 POSE, TRUTH = "/vrpn_client_node/hovercraft/pose", "/simulator/truth"
@@ -292,6 +293,15 @@ DISTURBANCE = """disturbance:
   time: {X: 0.3, Y: 0.2, N: 0.1}
   trim: {N: 3.0e-5}
 """
+
+
+@pytest.mark.parametrize("end", ["csv", "mcap"])
+def test_a_bag_is_not_written_under_the_name_of_another_format(tmp_path, end):
+    options = ["--model", MODEL, "--input", "prbs", "-o", tmp_path / ("run." + end)]
+    fails(identify("simulate", *options), "run.bag", *(["to_frame()"] if end == "csv" else []))
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ground.GroundError, match="run.bag"):
+        ground.simulate(MODEL, duration=1).save(tmp_path / ("run." + end))
 
 
 def test_the_disturbance_of_a_model_acts_on_request(tmp_path):

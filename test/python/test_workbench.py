@@ -12,7 +12,9 @@ import statistics
 import subprocess
 import sys
 import time
+import types
 
+import numpy as np
 import psutil
 import pytest
 
@@ -23,6 +25,7 @@ from ground.data import import_csv
 from ground.effect_library import units
 from ground.support.errors import GroundError
 from ground.support.event_file import EventFile
+from ground.workshop import work
 from ground.workshop.session import SCHEMA
 
 LAG, SLOPE = 0.05, 0.005
@@ -359,6 +362,26 @@ NEXT = {
 }
 
 
+def test_the_next_experiment_is_drawn_as_far_as_the_room(monkeypatch, tmp_path):
+    """From home, at the lift of the experiment."""
+    text = "schema: ground/room/1\nname: far\nhome: [4, 4]\nmargin: 0.2\n"
+    text += "corners: [[3, 3], [6, 3], [6, 5], [3, 5]]"
+    (tmp_path / "room.yaml").write_text(text)
+    room = ground.Room.load(tmp_path / "room.yaml")
+    sticking = ground.Model.load(MODEL) + ground.Effect("sticks", X="-a*(1-lift)*u", a=(1.0, "N s/m"))
+    paths = []
+    for more in ("", " --lift 0.6"):
+        found = types.SimpleNamespace(improved=sticking, next_inputs=np.array([[0.0, 1, 1], [16, 0, 0]]))
+        found.report = {"steps": [], "next_experiment": {"arguments": "--input steps --hold 1" + more}}
+        found.headline, found.tried, found.proposal = list, [], None
+        monkeypatch.setattr(work, "diagnose", lambda *_, found=found, **__: found)
+        paths.append(work.searched(sticking, [], room, None, None)["next"]["path"])
+        places = list(zip(paths[-1]["x"], paths[-1]["y"]))
+        assert places[0] == pytest.approx((4, 4), abs=0.01)
+        assert min(map(room.clearance, places)) >= 0 and max(paths[-1]["x"]) > 5.5
+    assert len(paths[1]["x"]) > 2 * len(paths[0]["x"])  # more drag, with less lift
+
+
 def test_nothing_went_wrong_in_the_browser(page):
     lines = [line for line in page.browser.get_log("browser") if line["level"] == "SEVERE"]
     assert [line for line in lines if "400" not in line["message"]] == []  # half a formula is refused
@@ -471,6 +494,8 @@ def test_what_a_search_found_comes_first_and_is_added_at_once(own_browser, tmp_p
     node = bench.state()["nodes"][-1]
     assert node["effect"] == ["thrust_asymmetry", "quadratic_drag"] and node["parent"] == 2
     assert error(bench.state()) < 0.1 * error(bench.state(), 2)
+    assert "Missing" not in page.text("answer")
+    assert "Added: thrust_asymmetry and quadratic_drag" in page.text("answer")
     fits(page, "added")
     page.click("open")
     page.until("S.opened === 1")

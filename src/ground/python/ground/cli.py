@@ -16,6 +16,7 @@ from typing import Any, Iterator, NamedTuple, NoReturn, Optional, Sequence
 from ground.support import completion, errors, files, progress
 from ground.support.errors import did_you_mean
 
+INCOMPLETE = "the following arguments are required"  # begins what argparse says of them
 OPTION = re.compile(r"--?[a-zA-Z]\S*$")  # a word that can be nothing else
 
 
@@ -33,14 +34,27 @@ class _Parser(argparse.ArgumentParser):
             name = word.split("=")[0] if word.startswith("--") else word[:2]
             if OPTION.match(word) and name not in known:
                 wrong = word.split("=")[0]
-                self.error("there is no option %s%s" % (wrong, did_you_mean(wrong, known, 0.7)))
+                hint = did_you_mean(wrong, known, 0.7)
+                self.error("there is no option %s%s" % (wrong, hint or self._form()))
         return super().parse_known_args(given, namespace)
 
     def _is_own(self, word: str) -> bool:
         """Whether the words up to this one are for this parser, not for a verb, and may be options."""
         return word != "--" and (self._subparsers is None or word.startswith("-"))
 
+    def _form(self) -> str:
+        """The shortest command line that is complete; empty for a parser of verbs."""
+        if self._subparsers:
+            return ""
+        needed = [one for one in self._actions if one.required and one.nargs != "*"]
+        words = [self.prog]
+        for one in sorted(needed, key=lambda one: bool(one.option_strings)):
+            words += [*one.option_strings[:1], str(one.metavar or one.dest) + " ..." * (one.nargs == "+")]
+        return "; the form is " + (self.get_default("form") or " ".join(words))
+
     def error(self, message: str) -> NoReturn:
+        if message.startswith(INCOMPLETE):
+            message += self._form()
         self.exit(2, "%s: %s (%s --help lists the options)\n" % (self.prog, message, self.prog))
 
 

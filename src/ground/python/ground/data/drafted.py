@@ -11,10 +11,10 @@ from ground.reading import readers, recorded_files
 from ground.reading.mapping import FieldMapping, load
 from ground.reading.recording import Recording
 from ground.support import files
-from ground.support.errors import GroundError
+from ground.support.errors import POINT, GroundError
 
 DRAFTS = "--write-mapping"  # in errors that a mapping mends
-MAX_NAMED = 3  # lines to decide that an error has; the rest is counted
+MAX_NAMED = 9  # lines to decide that an error has; the rest is counted
 
 
 def read(path: str, given: FieldMapping, why: GroundError) -> List[Recording]:
@@ -43,8 +43,8 @@ def read(path: str, given: FieldMapping, why: GroundError) -> List[Recording]:
         left += [one.sentence for one in own if is_refuted or one.kind not in layouts.GRAVEST]
     if not left:
         raise why
-    more = " | and %d more" % (len(left) - MAX_NAMED) if len(left) > MAX_NAMED else ""
-    raise GroundError("%s; to decide in it: %s%s" % (why, " | ".join(left[:MAX_NAMED]), more))
+    more = ["and %d more" % (len(left) - MAX_NAMED)] if len(left) > MAX_NAMED else []
+    raise GroundError(POINT.join(["%s; to decide in it:" % why, *left[:MAX_NAMED], *more]))
 
 
 def _read(path: str, text: str, options: FieldMapping) -> List[Recording]:

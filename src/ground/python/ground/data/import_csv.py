@@ -32,6 +32,7 @@ def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs the verb; returns what --json prints."""
     output = arguments.output
     files.refuse_existing(output, arguments.force)
+    messages.refuse_other_format(output)
     counts = write_bag(arguments.controls, arguments.pose, output, arguments.force, arguments.work)
     head = [
         ("Imported", "%d poses and %d commands." % (counts["pose"], counts["controls"])),

@@ -15,8 +15,12 @@ if TYPE_CHECKING:
     from ground.exporting.recorded import ExportedRun
 
 
+FORM = "identify export MODEL -o FILE.py (or .h, .c), or identify export RUN --mcap FILE.mcap"
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify export."""
+    parser.set_defaults(form=FORM)
     parser.add_argument("source", metavar="MODEL|RUN", help="model to export; with --mcap: recorded run")
     parser.add_argument(
         "against",
@@ -45,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify export; returns what --json prints."""
     if bool(arguments.mcap) == bool(arguments.output):
-        arguments.refuse("a model needs -o FILE, a run needs --mcap FILE")
+        arguments.refuse("a model needs -o FILE, a run needs --mcap FILE: " + FORM)
     if arguments.output and arguments.against:
         arguments.refuse("%s needs --mcap FILE" % arguments.against[0])
     found: Union[written.ExportedModel, "ExportedRun"] = (

@@ -8,7 +8,7 @@ import json
 import math
 import os
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Type, TypeVar
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple, Type, TypeVar
 
 import numpy as np
 import yaml
@@ -17,7 +17,7 @@ from ground import _core
 from ground.reading.payloads import Load
 from ground.support.annotations import Array
 from ground.support.bounded_yaml import LOADER
-from ground.support.errors import GroundError, reason
+from ground.support.errors import GroundError, did_you_mean, reason
 
 _T = TypeVar("_T")
 _Section = TypeVar("_Section", "Poses", "Commands", "Sensors", "Battery")
@@ -295,9 +295,17 @@ def _check(root: Any) -> None:
     key, what, wrong = ".".join(map(str, error.absolute_path)), error.message[:200], repr(error.instance)
     if "sentence" in error.schema:
         raise ValueError(error.schema["sentence"] % key)
+    if error.validator == "additionalProperties":
+        what = _unknown(error.instance, error.schema["properties"])
     if "error" in error.schema:
         what = error.schema["error"] + (", not %s" % wrong if len(wrong) < 50 else "")
     raise ValueError("%s: %s" % (key or "a key", what))
+
+
+def _unknown(section: Iterable[str], known: Iterable[str]) -> str:
+    """The first key of a section that is not known, with the nearest one that is."""
+    key = next(key for key in section if key not in known)
+    return "unknown key %s%s; allowed are %s" % (key, did_you_mean(key, known), ", ".join(known))
 
 
 def _mapping(path: str, schema: str, **keys: Any) -> FieldMapping:

@@ -9,7 +9,9 @@ from typing import Any, Dict, Iterator, Mapping
 
 import numpy as np
 
+from ground.reading.containers import FURTHER, SUFFIXES
 from ground.support.annotations import Message
+from ground.support.errors import GroundError
 
 # Topics of the bags that launch/record.launch records
 POSE = "/vrpn_client_node/hovercraft/pose"
@@ -100,6 +102,15 @@ class _Bag:
                 topic, name, msgdef=definition, md5sum=md5sum
             )
         self.writer.write(self.connections[topic], received, store.serialize_ros1(message, name))
+
+
+def refuse_other_format(path: str) -> None:
+    """GroundError where the name of a new bag ends as the names of other recordings do."""
+    stem, end = os.path.splitext(path)
+    if end.lower() in (".mcap", ".db3", *SUFFIXES, *FURTHER):
+        text = "%s: what is written is a ROS 1 bag: name it %s.bag%s"
+        table = "; in Python, ground.read(BAG)[0].to_frame() is a table of it"
+        raise GroundError(text % (path, stem, table if end.lower() in SUFFIXES else ""))
 
 
 @contextlib.contextmanager

@@ -112,7 +112,9 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     parts = [replace(part, topic=topic) for part, topic in zip(mapping.commands.parts(), commanded)]
     sent = gathered.in_order(mapping.commands.channels, gathered.read(source, parts, warnings))
     sensed = sensors.SensorReader(source, mapping, functools.lru_cache(maxsize=None)(source.table))
-    read_from = ", ".join("%s (%s)" % (topic, topics[topic].kind) for topic in (posed, *commanded))
+    read_from = ", ".join(
+        "%s (%s)" % (name, topics[name].kind) for name in dict.fromkeys((posed, *commanded))
+    )
     ranges = {channel.name: channel.range for channel in sent.channels}
     return replace(
         checked(path, rows, sent.rows, read_from, warnings, list(ranges), ranges),

@@ -5,7 +5,7 @@ import glob
 import os
 import re
 from dataclasses import replace
-from typing import Dict, Iterable, List, Sequence, Tuple
+from typing import Dict, Iterable, List, Optional, Sequence, Tuple
 
 from ground.reading.containers import FURTHER, SUFFIXES
 from ground.reading.mapping import DEFAULT, FieldMapping
@@ -26,6 +26,9 @@ FOREIGN = {  # files that other programs export as tables
     **dict.fromkeys((".json", ".jsonl", ".feather"), "its rows, by pandas for example,"),
     **dict.fromkeys((".npz", ".npy"), "its arrays"), ".zip": "its content",
 }  # fmt: skip
+MOST_COMMENT = 10000  #: of a file, before its schema [bytes]
+# what other files of ground are, by their schema, and the option that names them
+GIVEN_BY = {b"model": ("a model", "--model"), b"mapping": ("a mapping", "--mapping")}
 LEVELS = 3  #: of folders below one without recordings that are searched
 Files = Tuple[str, ...]  #: the file of the poses, and a file for each place of commands
 
@@ -142,8 +145,20 @@ def is_table(path: str) -> bool:
         raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
     if os.path.basename(path) == METADATA:
         raise GroundError("%s: part of a ROS 2 bag: give its folder" % path)
+    own = _own_kind(path)
+    if own:
+        raise GroundError("%s: %s, not a recording: give it with %s" % (path, *own))
     what = next((what for end, what in FOREIGN.items() if path.lower().endswith(end)), "")
     raise GroundError("%s: %s%s" % (path, NO_RECORDING, "; export %s as CSV" % what if what else ""))
+
+
+def _own_kind(path: str) -> Optional[Tuple[str, str]]:
+    """What a file of ground is that is no recording, and the option that names it; None for others."""
+    if not path.lower().endswith((".yaml", ".yml")):
+        return None
+    with open(path, "rb") as file:
+        kind = re.search(rb"^schema:\s*[\"']?ground/(\w+)/", file.read(MOST_COMMENT), re.MULTILINE)
+    return GIVEN_BY.get(kind.group(1)) if kind else None
 
 
 def contents(path: str, mapping: FieldMapping) -> List[str]:

@@ -15,7 +15,7 @@ import numpy as np
 from ground import _core
 from ground.effect_library.parameters import described
 from ground.models import Model, ModelLike, Room, RoomLike
-from ground.reading import run_settings
+from ground.reading import messages, run_settings
 from ground.reading.run_settings import AXES
 from ground.simulation import array_inputs, experiments, gains, listing
 from ground.simulation import tracking as loop
@@ -504,6 +504,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Dict[str, object]:
     """Runs identify simulate; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
+    messages.refuse_other_format(arguments.output)
     model = Model.load(arguments.model)
     with arguments.work.stage("simulating"):
         made = simulate(

@@ -138,6 +138,7 @@ class SimulatedRun(Recording):
         """
         counts: Dict[str, int] = {}
         work = Work.of(progress)
+        messages.refuse_other_format(os.fspath(path))
         with files.new_file(os.fspath(path), force) as temporary:
             with work.stage(WRITING), messages.bag_writer(temporary) as bag:
                 series = _series(self)

@@ -151,6 +151,8 @@ class _Number(Generic[_N]):
     __name__ = "number"  # in errors of argparse
 
     def __call__(self, text: str) -> _N:
+        if text.endswith("%") and self.kind is float:
+            raise argparse.ArgumentTypeError("%s is not a number: write %g" % (text, float(text[:-1]) / 100))
         value = self.kind(text)
         if not self.allows(value):
             raise argparse.ArgumentTypeError("%s %s" % (text, self.otherwise))

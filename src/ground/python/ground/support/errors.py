@@ -1,4 +1,4 @@
-"""Errors and warnings: a failed program prints one line and exits with status 1."""
+"""Errors and warnings: a failed program prints one line, and may list points, and exits with status 1."""
 
 import argparse
 import contextlib
@@ -26,6 +26,9 @@ ADVICE = {
 
 # What the core says of a motion that is not finite, or of a matrix that is made from one
 DIVERGED = ("not finite", "not positive definite")
+
+
+POINT = "\n  - "  # begins each point that the message of a GroundError lists
 
 
 class GroundError(Described, Exception):
@@ -163,7 +166,7 @@ def guarded(name: str, work: Callable[[], int], debug: bool = False, look: str =
 
 
 def sentence(error: BaseException) -> str:
-    """What a failure means to the user, in one line."""
+    """What a failure means to the user, in one line, and a line for each point that it lists."""
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
     if isinstance(error, MemoryError):
@@ -171,9 +174,9 @@ def sentence(error: BaseException) -> str:
     if isinstance(error, OSError) and error.errno is not None:
         names = [str(n) for n in (error.filename, error.filename2) if n is not None]
         return ": ".join(names + [reason(error)])
-    text = " ".join(str(error).split())
     if isinstance(error, GroundError):
-        return text
+        return POINT.join(" ".join(part.split()) for part in str(error).split(POINT))
+    text = " ".join(str(error).split())
     return "unexpected %s: %s; --debug shows where" % (type(error).__name__, text or "no reason")
 
 

@@ -213,10 +213,10 @@ function showSearch(before) {
   if (S.judge && !job) $("searching").append(` Candidates are judged on ${S.judge[0]}, ${S.judge[1].toFixed(1)} to ${S.judge[2].toFixed(1)} s. `,
     make("button", {textContent: "judge on all", onclick: () => act("judge", {run: S.judge[0], span: null})}));
   if (S.last.search?.failed && !before?.last.search?.failed) say(S.last.search.failed, true);
-  $("answer").replaceChildren(...(search.answer || []).map(([head, text]) => make("p", {}, make("b", {textContent: head ? head + ": " : ""}), text)));
   const adding = S.running.some(one => one.kind === "add" || one.kind === "fit"), focus = document.activeElement?.dataset?.effect;
   const isWeak = row => row.certain.startsWith("not significant"), rows = search.rows || [], weak = rows.filter(isWeak);
-  const found = rows.filter(row => row.found && !S.effects.includes(row.effect)).map(row => row.effect);
+  const named = rows.filter(row => row.found).map(row => row.effect), found = named.filter(name => !S.effects.includes(name));
+  $("answer").replaceChildren(...(search.answer || []).map(([head, text]) => head !== "Missing" || !named.length ? [head, text] : found.length ? [head, listed(found) + "."] : ["Added", text]).map(([head, text]) => make("p", {}, make("b", {textContent: head ? head + ": " : ""}), text)));
   if (found.length > 1) $("answer").append(make("button", {id: "addfound", className: "main", textContent: found.length > 2 ? `Add all ${found.length}` : "Add both",
     disabled: adding, ariaLabel: "Add " + listed(found), onclick: () => begin("add", found)}));
   const shownAs = row => {
@@ -378,7 +378,7 @@ const stretch = () => [Number($("from").value), Number($("to").value)];
 function showNext() {
   const next = S.search.next;
   if (!next) { $("next").hidden = true; if (S.search.state === "done") $("nexttext").textContent = "Nothing needed: these runs distinguish the effects."; return; }
-  $("nexttext").replaceChildren(`${next.input}: it distinguishes ${listed(next.separates.filter(Boolean))}. The plot leaves out the returns that keep the craft in the room. `, make("code", {textContent: next.launch}));
+  $("nexttext").replaceChildren(`${next.input}: it distinguishes ${listed(next.separates.filter(Boolean))}. The plot ends where the craft would leave the room; returns keep it inside. `, make("code", {textContent: next.launch}));
   if ($("next").dataset.of === next.launch) return;
   $("next").hidden = false; $("next").dataset.of = next.launch;
   const room = S.room || [[-2, -2], [2, -2], [2, 2], [-2, 2]], closed = [...room, room[0]];

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ground import Addition, Fit, Model, Recording, Room, add, compare, diagnose, fit, simulate
+from ground.checks.layouts import listed
 from ground.support.jobs import Tell
 from ground.support.progress import Listener, Report
 
@@ -71,14 +72,10 @@ def added(
     return {
         **_refitted(steps[-1], "without", "with"),
         "before": _refitted(steps[0], "without", "with")["before"],
-        "effect": _listed([one.effect for one in steps]),
+        "effect": listed([one.effect for one in steps]),
         "helps": all(one.verdict.helps for one in steps),
         "reason": "; ".join(reasons) if len(steps) > 1 else steps[0].verdict.reason,
     }
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def _refitted(found: Union[Fit, Addition], before: str, after: str) -> Dict[str, object]:
@@ -114,9 +111,12 @@ def searched(
 
     found = diagnose(model, runs, tried=lambda tried: tell("rows", rows(tried)), progress=progress, room=room)
     planned = found.report["next_experiment"]
-    if planned:  # where the improved model goes, open loop
-        flown = simulate(found.improved, inputs=found.next_inputs).to_frame().iloc[::5]
-        planned = {**planned, "path": {name: flown[name].round(4).tolist() for name in ("x", "y")}}
+    if planned:  # where the improved model goes, open loop, from home until it leaves the room
+        place, lift = room or Room.load("room_4x4"), float(planned["arguments"].partition("--lift ")[2] or 1)
+        begin = (*place.home, 0.0)
+        flown = simulate(found.improved, inputs=found.next_inputs, start_pose=begin, lift=lift).to_frame()
+        left = flown.apply(lambda at: place.clearance((at.x, at.y)) < 0, axis=1).cummax()
+        planned = {**planned, "path": flown[~left][["x", "y"]][::5].round(4).to_dict("list")}
     lines = [list(line) for line in found.headline() if not re.match("Model|Next", line[0])]
     steps = [step["added"] for step in found.report["steps"]]
     told = {name: text for name in steps for _, text in lines if re.match(name + "( -|:)", text)}
@@ -129,7 +129,7 @@ def searched(
     lines = [line for line in lines if line[1] not in told.values()]
     return {
         "rows": [*together, *tried.values()],
-        "answer": [["Missing", _listed(list(told)) + "."], *lines] if told else lines,
+        "answer": [["Missing", listed(list(told)) + "."], *lines] if told else lines,
         "proposal": found.proposal and found.proposal.entry,
         "next": planned,
     }
