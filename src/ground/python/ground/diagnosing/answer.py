@@ -287,9 +287,10 @@ def _corrected(report: DiagnosisReport, folder: str) -> str:
     if report.verdict == "misread":
         anyway = "add --as-recorded" if folder else "give as_recorded=True"
         return "correct the mapping or the settings as stated above, or %s to diagnose anyway" % anyway
-    return "".join(
-        "%s: %s, and diagnose again" % (listed(one.runs), one.remedy) for one in report.changes[:1]
-    )
+    for one in report.changes[:1]:
+        return "%s: %s, and diagnose again" % (listed(one.runs), one.remedy)
+    unit = unit_of_length(p.named(name) for name, p in report.improved.parameters.items())
+    return "check the unit of the positions, and diagnose again: %s" % unit if unit else ""
 
 
 def _next(report: DiagnosisReport, folder: str) -> str:
@@ -298,9 +299,6 @@ def _next(report: DiagnosisReport, folder: str) -> str:
     corrected = _corrected(report, folder)
     if corrected:
         return corrected
-    unit = unit_of_length(p.named(name) for name, p in report.improved.parameters.items())
-    if unit:
-        return "check the unit of the positions, and diagnose again: %s" % unit
     nameless, open_still = kind in ("unexplained", "memory"), kind == "missing" and bool(_rest(report))
     flies = proposed and (proposed.launch if folder else proposed.call or proposed.launch)
     if proposed and any(len(step.group) > 1 for step in report.steps):

@@ -166,8 +166,8 @@ def diagnose(
             for one in (conclusion.before, conclusion.after)
         )
         parameters = {name: p.named(name) for name, p in report.improved.parameters.items()}
-        told = _with_disturbance(conclusion.improved, report)
-        improved = fitted_model(told, seen.recordings, before, after, parameters)
+        pushed = _with_disturbance(conclusion.improved, report)
+        improved = fitted_model(pushed, seen.recordings, before, after, parameters)
     from ground.checks import findings
 
     read = [run.path for run in seen.recordings + held.recordings]

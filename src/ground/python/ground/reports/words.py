@@ -101,9 +101,9 @@ def more_acts(found: Optional[PredictionError], name: str, finds: str, how: str 
 
 
 def unit_of_length(parameters: Iterable[Parameter]) -> str:
-    """Why positions are perhaps in another unit than they were read in, else nothing: motion alone does not
-    show it. In a unit that is s times too small, k, I_z and N_r of the same motion are 1 / s times the true
-    ones, X_u and Y_v are as they were; so the given model shows it."""
+    """Why positions are perhaps in another unit than they were read in, else nothing. Motion alone does not
+    show it, the given model does: positions that are s times too large give s times the true k, I_z and N_r,
+    and the true X_u and Y_v."""
     known = {p.name: p for p in parameters if p.identified and p.start and p.value / p.start > 0}
     if not {"k", "I_z"} <= set(known):
         return ""
@@ -116,14 +116,15 @@ def unit_of_length(parameters: Iterable[Parameter]) -> str:
         return ""
     if not kept or any(abs(change[name]) > abs(by) / 2 for name in kept):
         return ""
-    told = "%s are %s times those of the given model, %s not: if it is a model of this craft, positions were "
-    are = "%s %s" % (listed(kept), "are" if len(kept) > 1 else "is")
-    return told % (listed(scaled), two_digits(math.exp(by)), are) + "read in a wrong unit"
+    by_factor = "%s are %s times as large as in the given model" % (listed(scaled), two_digits(math.exp(by)))
+    others = "%s %s not" % (listed(kept), "are" if len(kept) > 1 else "is")
+    wrong = "if it is a model of this craft, positions were read in a wrong unit"
+    return "%s, %s: %s" % (by_factor, others, wrong)
 
 
 def diagnosing(model: str, written: str, is_held_out: bool = False) -> str:
     """The command that finds what is missing in a model, by its name in Python or by its file. is_held_out:
-    the recordings at hand only test it, those of the model's fit are searched."""
+    the recordings at hand only test it; the search uses the recordings of the model's fit."""
     if not written:
         runs = "FITTED_RECORDINGS, holdout=RECORDINGS" if is_held_out else "RECORDINGS"
         return "ground.diagnose(%s, %s)" % (model, runs)
