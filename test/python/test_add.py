@@ -23,6 +23,8 @@ def test_the_error_falls_to_the_noise(tmp_path, lagging):
     assert tau["value"] == pytest.approx(0.06, abs=0.002)
     assert report["verdict"]["helps"] is True
     floor = report["noise_floor"]
+    tested = report["error"]["holdout"]
+    assert "%+.0f%%" % (100 * (tested["after"] / tested["before"] - 1)) in report["verdict"]["reason"]
     for kind in ("fit", "heldout", "holdout"):
         error = report["error"][kind]
         assert error["before"] > 3 * error["after"], kind

@@ -423,6 +423,20 @@ def test_runs_too_short_to_predict_are_not_called_well_predicted():
     assert "longer runs" in found["Next"] and "noise floor" not in found["Next"]
 
 
+@pytest.mark.parametrize("times, advised", [(2.0, True), (1.05, False)])
+def test_half_the_error_within_the_scatter_of_a_run_is_not_called_equally_good(times, advised):
+    from ground.analysis.horizon import PoseError, PredictionError
+    from ground.comparing import words
+    from ground.comparing.ranking import Ranking
+
+    ranking = Ranking("held_out", ["run"], {"a": 0.1, "b": 0.2}, [], ["b"])
+    errors = {"a": PoseError(4.0, 2.0), "b": PoseError(4.0 * times, 2.0 * times)}
+    found = PredictionError(1.0, errors, PoseError(4.0, 2.0), None)
+    told = dict(words.lines(ranking, found, ground.Model.load(MODEL)))
+    assert ("equally good" in told["Best"], "use a" in told["Next"]) == (not advised, advised), told
+    assert "more runs" in told["Next"]
+
+
 def test_a_fit_that_predicts_worse_than_the_given_model_says_so():
     craft = ground.Model.load(MODEL)
     truth = craft.with_effect("com_offset", xg=0.006)

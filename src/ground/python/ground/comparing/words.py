@@ -13,6 +13,7 @@ from ground.support.headline import Line
 from ground.support.quantities import is_as_mocap
 
 FEW = 4  # recordings that are named
+MUCH = 1.3  # least ratio of the errors of models that makes one likelier, though their scatter is as large
 SLIGHTLY = 1.1  # ratio of the errors of two models below which one is slightly better
 
 
@@ -37,6 +38,11 @@ def lines(ranking: Ranking, found: Optional[PredictionError], model: Model, page
 def _best(ranking: Ranking, found: Optional[PredictionError]) -> str:
     does = "predicts" if ranking.role == "held_out" else "fits"
     best, *others = ranking.errors
+    if found and _is_likelier(ranking, found):
+        times = words.two_digits(words.ratio(found.errors[ranking.equal[0]], found.errors[best]))
+        told = "%s, but not surely - it %s these runs %s times as well as %s, within the scatter of %s."
+        few = "a single run" if len(ranking.runs) == 1 else "so few runs"
+        return told % (best, does, times, ranking.equal[0], few)
     if ranking.equal:
         return "cannot be decided - %s are equally good within the scatter of these runs." % listed(
             [best, *ranking.equal]
@@ -65,6 +71,12 @@ def _best(ranking: Ranking, found: Optional[PredictionError]) -> str:
     return "%s - it %s these runs %s times as well as %s." % (best, does, words.two_digits(ratio), others[0])
 
 
+def _is_likelier(ranking: Ranking, found: PredictionError) -> bool:
+    """Whether the best model predicts much better than those that the scatter does not exclude, if any."""
+    by = [words.ratio(found.errors[one], found.errors[ranking.best]) for one in ranking.equal]
+    return min(by, default=0.0) > MUCH
+
+
 def _pushed(best: str, found: PredictionError) -> str:
     """What the best model's own random disturbance leaves, behind the noise floor."""
     if found.disturbed is None or not words.is_pushed(found):
@@ -84,6 +96,8 @@ def _next(ranking: Ranking, finds: str, how: str, found: Optional[PredictionErro
     )
     if more and not explained:
         return more
+    if found and _is_likelier(ranking, found):
+        return "use %s; record more runs to confirm it" % best
     if ranking.equal:
         return "record more runs to decide, or use the simplest model"
     if more:

@@ -14,6 +14,10 @@ from ground.support import files
 from ground.support.errors import POINT, GroundError
 
 DRAFTS = "--write-mapping"  # in errors that a mapping mends
+# instead of a mapping, where a column is named %time
+ECHOED = (
+    "tables of `rostopic echo -p` need none: identify import CONTROLS.csv POSE.csv -o RUN.bag reads a pair"
+)
 MAX_NAMED = 9  # lines to decide that an error has; the rest is counted
 
 
@@ -43,6 +47,7 @@ def read(path: str, given: FieldMapping, why: GroundError) -> List[Recording]:
         left += [one.sentence for one in own if is_refuted or one.kind not in layouts.GRAVEST]
     if not left:
         raise why
+    left = [ECHOED] * ('"%time"' in text) + left
     more = ["and %d more" % (len(left) - MAX_NAMED)] if len(left) > MAX_NAMED else []
     raise GroundError(POINT.join(["%s; to decide in it:" % why, *left[:MAX_NAMED], *more]))
 

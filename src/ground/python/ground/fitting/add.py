@@ -38,6 +38,12 @@ if TYPE_CHECKING:
 
 
 WORTH = 0.05  # relative fall of the error for which one would add an effect
+UNCLEAR = "not clear"
+DO = {  # by the answer
+    "yes": "use the model with it",
+    UNCLEAR: "record more runs, or ask diagnose, which decides by likelihood",
+    "no": "keep the model without it",
+}
 FITTING = "fitting without the effect and with it"  # stage
 
 
@@ -77,6 +83,11 @@ class Addition(Shown, Estimated):
     window: float  #: length of the windows over which errors are taken [s]
     verdict: Verdict  #: whether the effect helps, and why
 
+    @property
+    def answer(self) -> str:
+        """Whether the effect helps: "yes", "no" or "not clear"."""
+        return "yes" if self.verdict.helps else UNCLEAR if self.verdict.is_open else "no"
+
     def to_dict(self) -> Dict[str, object]:
         """The result as plain values, as `identify add --json` prints them."""
         names = ("effect", "parameters", "error", "prediction", "noise_floor", "verdict")
@@ -107,7 +118,7 @@ class Addition(Shown, Estimated):
             {n: effect_words.Estimate.of(p.value, p.ci95, p.unit, p.identified) for n, p in by_name.items()},
         )
         values += ", so that " + does if does else ""
-        answer, do = ("yes", "use the model with it") if self.verdict.helps else _no(self.verdict.is_open)
+        answer, do = self.answer, DO[self.answer]
         more = words.more_acts(self.prediction, "with", words.diagnosing("addition.model", written))
         if self.verdict.helps and more:
             do = "%s; %s" % (do, more)
@@ -238,7 +249,7 @@ def _result(
         {name: error.after for name, error in errors.items()},
         parameters,
     )
-    several = len(seen.data) > 1
+    folds = "each run by a fit to the others" if len(seen.data) > 1 else "each quarter by a fit to the rest"
     own = candidates.seen_alone(after.model, effect)
     sizes = np.array([w.last - w.first + 1 for w in chosen])  # as the errors weigh windows
     runs = np.array([w.run for w in chosen])
@@ -251,9 +262,9 @@ def _result(
         error=errors,
         prediction=prediction,
         noise_floor=float(window_error.noise_floor(seen.data, after.model).sum()),
-        folds="each run by a fit to the others" if several else "each quarter by a fit to the rest",
+        folds=folds,
         window=windows.length(seen.data),
-        verdict=_verdict(parameters, {p.name: p.neutral for p in own}, interval, errors, judged),
+        verdict=_verdict(parameters, {p.name: p.neutral for p in own}, interval, errors, judged, folds),
     )
 
 
@@ -263,9 +274,10 @@ def _verdict(
     interval: Tuple[float, float],
     errors: Dict[str, Change],
     judged: judge.PairedComparison,
+    folds: str,
 ) -> Verdict:
     """The Verdict on an effect; neutral: values of its parameters at which it does nothing; interval: of the
-    ratio of errors on held-out data; judged: the model with it and without it."""
+    ratio of errors on held-out data, which `folds` describes; judged: the model with it and without it."""
     change, ci95 = errors["heldout"].change, (interval[0] - 1, interval[1] - 1)
     told = "the error on held-out data changes by %+.1f%%, 95%%: %+.1f%% to %+.1f%%" % (
         100 * change,
@@ -273,6 +285,8 @@ def _verdict(
     )
     own = [parameters[name] for name in neutral]
     tested = errors.get("holdout")
+    if tested:
+        told += " (%s); on the runs that you held out by %+.0f%%" % (folds, 100 * tested.change)
     known = [p for p in own if p.identified]
     contain = bool(known) and all(p.ci95[0] <= neutral[p.name] <= p.ci95[1] for p in known)
     speaks = judged.is_better or not contain or ci95[0] < -WORTH
@@ -289,13 +303,6 @@ def _verdict(
     else:
         helps, reason = True, told + "; its parameters are identifiable only in combination" * contain
     return Verdict(helps, change, ci95, reason, is_open and not helps)
-
-
-def _no(is_open: bool) -> Tuple[str, str]:
-    """The answer where an effect is not shown to help, and what to do."""
-    if is_open:
-        return "not clear", "record more runs, or ask diagnose, which decides by likelihood"
-    return "no", "keep the model without it"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -63,17 +63,17 @@ def fitted(found: Fit) -> Dict[str, object]:
 def added(
     model: Model, effects: Sequence[Any], runs: Sequence[Recording], progress: Listener
 ) -> Dict[str, object]:
-    """Effects added one after the other, as one step: each must help beside those before it."""
+    """Effects added one after the other, as one step: it helps where one helps and all others may."""
     steps: List[Addition] = []
     for effect in effects:
         steps.append(add(model, effect, runs, progress=progress))
         model = Model.parse(steps[-1].model.format())
-    reasons = [one.effect + ": " + one.verdict.reason for one in steps]
+    reasons = ["%s (%s): %s" % (one.effect, one.answer, one.verdict.reason) for one in steps]
     return {
         **_refitted(steps[-1], "without", "with"),
         "before": _refitted(steps[0], "without", "with")["before"],
         "effect": listed([one.effect for one in steps]),
-        "helps": all(one.verdict.helps for one in steps),
+        "helps": {"yes"} <= {one.answer for one in steps} <= {"yes", "not clear"},
         "reason": "; ".join(reasons) if len(steps) > 1 else steps[0].verdict.reason,
     }
 
