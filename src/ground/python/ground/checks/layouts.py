@@ -381,7 +381,7 @@ def kind(one: Hypothesis, names: Sequence[str]) -> str:
 
 def suppositions(one: Hypothesis, names: Sequence[str], seem: bool = False) -> str:
     """What a hypothesis supposes, in words; seem: as a suspicion."""
-    return _listed([words for _, words, _ in _mistakes(one, names, seem)]) or AS_RECORDED
+    return listed([words for _, words, _ in _mistakes(one, names, seem)]) or AS_RECORDED
 
 
 def remedies(one: Hypothesis, names: Sequence[str], measured: Settings) -> str:
@@ -411,7 +411,7 @@ def _mistakes(
             yield "dead", words, remedy % (name, channel, CHANNELS)
     inverted = [c for c, sign in zip(one.channels, one.signs) if sign < 0]
     if inverted:
-        which = _listed(inverted)
+        which = listed(inverted)
         if len(inverted) == len(names) > 1:
             which = "both thrusters" if len(names) == 2 else "all thrusters"
         remedy = "swap the values off and full of %s %s" % (which, CHANNELS)
@@ -466,5 +466,6 @@ def sentence(verdict: LayoutVerdict) -> str:
     return "; ".join(parts)
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """ "a", "a and b", "a, b and c"."""
     return " and ".join([", ".join(names[:-1])] * (len(names) > 1) + list(names[-1:]))

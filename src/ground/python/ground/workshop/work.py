@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ground import Addition, Fit, Model, Recording, Room, add, compare, diagnose, fit, simulate
-from ground.reports.words import listed
+from ground.checks.layouts import listed
 from ground.support.jobs import Tell
 from ground.support.progress import Listener, Report
 
