@@ -234,10 +234,10 @@ def test_a_diagnosed_model_knows_its_disturbance_on_other_runs(tmp_path):
     improved = ground.Model.load(tmp_path / "diagnosis" / "improved.yaml")
     pushes = 0.04 * craft["k"] * np.array([2, 2, craft["l"]])
     assert np.all(abs(np.log(improved.core.disturbance.sigma / pushes)) < np.log(1.5))
-    # A model that lacks an effect is diagnosed with the runs of its fit; these runs remain for testing.
+    # The search for a missing effect uses the runs of the fit, and only tests on the other run.
     assert "holdout=RECORDINGS" in str(ground.compare({"fitted": fit.model}, other))
     assert "ground.diagnose" not in str(ground.compare({"fitted": fit.model, "improved": improved}, other))
-    # Its disturbance explains no effect that it lacks, and calm runs have none.
+    # The disturbance does not explain a missing effect; a diagnosis of runs without pushes writes none.
     slower = truth.with_values({"motor_lag.tau": 0.25})
     lagging = [ground.simulate(slower, "multilevel-prbs", duration=40, seed=15)]
     assert "ground.diagnose" in str(ground.compare({"improved": improved}, lagging))

@@ -29,7 +29,7 @@ from ground.support.records import NULL
 ALIKE = 0.9  # least correlation of commands that count as the same: edges are some milliseconds apart
 FINEST = 10.0  # periods of the highest frequency in a horizon: faster pushes hardly move a craft in it
 MOST_PAIRS = 20
-MIN_SHARE = 0.05  # of the squared error, from which a random disturbance is more than its prior
+MIN_SHARE = 0.05  # least share of the squared error by which the data determine a random disturbance
 FIRST, DRAWS = 19, 99  # artificial recordings; more than the first only where the real ones are extreme
 
 

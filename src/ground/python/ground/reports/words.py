@@ -13,7 +13,7 @@ from ground.support.headline import Line
 # Least ratio to the noise floor from which more acts than the model has: above the scatter of
 # some seven independent predictions
 MORE_ACTS = 2.0
-SAME_CHANGE = 0.1  # of two parameters, relative
+SAME_CHANGE = 0.1  # largest difference of two relative changes that count as the same
 OTHER_UNIT = 2.0  # least ratio of two units of length that are confused: in and cm are 2.54
 LEAST = 1e-9  # error that is as good as none [mm], [deg]
 
