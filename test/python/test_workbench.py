@@ -21,6 +21,7 @@ import pytest
 import ground
 from browsing import waiting
 from conftest import MODEL, ROOT, SHARED, located, slow, started_browser, wait_for
+from ground.analysis.horizon import PoseError
 from ground.data import import_csv
 from ground.effect_library import units
 from ground.support.errors import GroundError
@@ -380,6 +381,24 @@ def test_the_next_experiment_is_drawn_as_far_as_the_room(monkeypatch, tmp_path):
         assert places[0] == pytest.approx((4, 4), abs=0.01)
         assert min(map(room.clearance, places)) >= 0 and max(paths[-1]["x"]) > 5.5
     assert len(paths[1]["x"]) > 2 * len(paths[0]["x"])  # more drag, with less lift
+
+
+@pytest.mark.parametrize(
+    "answers, helps",
+    [(["yes"], True), (["yes", "not clear"], True), (["not clear"], False), (["yes", "no"], False)],
+)
+def test_a_step_helps_where_one_effect_helps_and_none_is_refuted(answers, helps, monkeypatch):
+    craft, given = ground.Model.load(MODEL), iter(answers)
+
+    def added(model, effect, *_, **__):
+        verdict = types.SimpleNamespace(helps=False, reason="the reason")
+        errors = dict.fromkeys(("without", "with"), PoseError(1.0, 1.0))
+        prediction = types.SimpleNamespace(errors=errors, mocap=PoseError(1.0, 1.0))
+        made = {"effect": effect, "model": model, "parameters": {}, "prediction": prediction}
+        return types.SimpleNamespace(answer=next(given), verdict=verdict, **made)
+
+    monkeypatch.setattr(work, "add", added)
+    assert work.added(craft, ["a", "b"][: len(answers)], [], None)["helps"] == helps
 
 
 def test_nothing_went_wrong_in_the_browser(page):
