@@ -78,6 +78,16 @@ def test_what_is_wrong_with_a_run_of_which_nothing_is_usable_is_said_first(spoil
     assert reason in head and "nothing to correct" not in head
 
 
+def test_positions_that_no_command_explains_are_not_called_correct(tmp_path):
+    def of_another(times, eta, inputs):
+        other = simulate_run(times[-1] + 0.5, 12)[1][: len(times)]
+        return times, np.column_stack([other[:, :2], eta[:, 2]]), inputs
+
+    ours, theirs = write_bag(tmp_path / "ours.bag"), write_bag(tmp_path / "theirs.bag", change=of_another)
+    heads = [succeeds("info", bag, "--model", MODEL).stdout.split("\n\n")[0] for bag in (ours, theirs)]
+    assert "nothing to correct" in heads[0] and "nothing to correct" not in heads[1]
+
+
 def test_defects_are_found(tmp_path):
     def spoil(times, eta, inputs):
         eta = eta.copy()

@@ -116,6 +116,7 @@ def test_commands_that_explain_no_force_do_not_support_the_channels():
     assert verdict.best.force < 0.02 and verdict.best.turn > 0.5
     assert not layouts.sentence(verdict).startswith(layouts.AS_RECORDED)
     assert "undecided" in layouts.sentence(verdict)
+    assert verdict.is_open and not layouts.judge([flown(1)], FOUR).is_open
 
 
 def test_channels_that_the_motion_supports_are_as_recorded():

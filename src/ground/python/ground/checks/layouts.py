@@ -128,6 +128,17 @@ class LayoutVerdict:
         """Whether the recordings do not refute the recorded channels and heading."""
         return self.best.hypothesis == self.recorded.hypothesis
 
+    @property
+    def is_unexplained(self) -> bool:
+        """Whether commands explain too little of forces or turns to support the recorded channels and heading."""
+        explained = min(self.best.force, self.best.turn)
+        return self.is_as_recorded and bool(self.undecided) and explained < LITTLE
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the recordings tell nothing of which channel drives which thruster."""
+        return self.is_unexplained or (bool(self.undecided) and self.open_share > HARDLY)
+
     def describe(self) -> Dict[str, object]:
         """As plain values."""
         return asdict(self)
@@ -450,7 +461,7 @@ def sentence(verdict: LayoutVerdict) -> str:
     """A verdict with its evidence, what is the same to any motion, and what cannot be decided."""
     names = verdict.recorded.hypothesis.channels
     what = suppositions(verdict.best.hypothesis, names, True)
-    if verdict.is_as_recorded and verdict.undecided and min(verdict.best.force, verdict.best.turn) < LITTLE:
+    if verdict.is_unexplained:
         what = "whether channels and heading are as recorded is undecided"
     parts = ["%s: %s" % (what, evidence(verdict))]
     if verdict.same and not verdict.is_as_recorded:

@@ -29,6 +29,8 @@ from ground.support.results import Shown, with_units
 if TYPE_CHECKING:
     import pandas
 
+UNDECIDED = "nothing seen to correct, but which channel drives which thruster is undecided (last line)"
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
@@ -63,6 +65,7 @@ class Info(Shown):
     mappings: Dict[str, str]  #: the text of the mapping that was drafted to read a run, by its name
     layout: str  #: which channel drives which thruster, in a sentence; empty without a model
     read: Tuple[str, ...] = ()  #: the arguments of the command line that name the recordings
+    is_open: bool = False  #: whether the recordings tell nothing of which channel drives which thruster
 
     @internal
     def headline(self, written: str = "") -> List[Line]:
@@ -88,11 +91,12 @@ class Info(Shown):
             yield "Next", "look at " + self.doubts[0]
         elif doubtful:
             yield "Next", "look at %s: %s" % (", ".join(doubtful), next(iter(doubtful.values())))
-        elif self.read:
-            fits = "rosrun ground identify fit %s --model MODEL -o fitted.yaml"
-            yield "Next", "nothing to correct; fit a model:\n" + fits % " ".join(map(shlex.quote, self.read))
         else:
-            yield "Next", "nothing to correct; fit a model:\nground.fit(MODEL, RECORDINGS)"
+            fits = "ground.fit(MODEL, RECORDINGS)"
+            if self.read:
+                names = " ".join(map(shlex.quote, self.read))
+                fits = "rosrun ground identify fit %s --model MODEL -o fitted.yaml" % names
+            yield "Next", "%s; fit a model:\n%s" % (UNDECIDED if self.is_open else "nothing to correct", fits)
 
     def _doubtful(self) -> Dict[str, str]:
         """The worst of each run that has to be looked at before it is used, by its name."""
@@ -177,7 +181,7 @@ def _looked_at(
     runs = repaired(given, work)
     recordings = [run.recording for run in runs]
     doubts = suspicions.about(recordings, model) + [one for run in runs for one in suspicions.changed(run)]
-    described, layout = findings.describe(runs, doubts), ""
+    described, layout, is_open = findings.describe(runs, doubts), "", False
     angles = [str(one["channel"]) for one in model.thrusters if one["is_angle"]] if model else []
     if angles:
         text = "which channel drives which thruster is not judged: a thruster's effect changes with %s"
@@ -187,11 +191,11 @@ def _looked_at(
             thrusters = layouts.thrusters_of(model)
             verdict = layouts.judge(recordings, thrusters)
             verdict = imitations.confirmed(verdict, recordings, thrusters, model)
-        layout = layouts.sentence(verdict)
+        layout, is_open = layouts.sentence(verdict), verdict.is_open
         described = [dict(d, layout=verdict.describe()) for d in described]
     shared = tuple(one.sentence for one in doubts if len(one.runs) > 1)
     mappings = {recording.name: recording.mapping for recording in recordings}
-    return Info(described, shared, mappings, layout, tuple(read))
+    return Info(described, shared, mappings, layout, tuple(read), is_open)
 
 
 def _worst(d: Document) -> List[str]:
