@@ -57,6 +57,19 @@ def test_a_table_that_says_its_units_is_read_by_its_draft(run, tmp_path, up):
     assert found.source.count(path.name) == 1
 
 
+def test_columns_that_a_draft_does_not_use_are_listed(run, tmp_path):
+    columns = {
+        **told(run),
+        "battery [V]": 7.4 - 0.01 * (run.times - run.times[0]),
+        "gyro_z [rad/s]": np.cos(run.times),
+    }
+    with pytest.warns(ground.GroundWarning, match="the draft leaves nothing to decide"):
+        (found,) = ground.read(written(tmp_path, columns))
+    listed = found.mapping.splitlines()[-1]
+    assert listed.startswith("#") and "battery [V], gyro_z [rad/s]" in listed
+    assert not any(name in listed for name in NAMES.split("|"))
+
+
 @pytest.mark.parametrize(
     "line, names, changed",
     [

@@ -1,6 +1,7 @@
 """Drafts of mapping files: what a file has, and what of it is probably what, with the evidence."""
 
 import math
+import re
 from dataclasses import replace
 from typing import Dict, FrozenSet, Iterator, List, Sequence, Set, Tuple
 
@@ -22,6 +23,7 @@ ALIKE = 0.15  # difference of the likelihoods of two names of headings that are 
 RATES = ("rad/s", "deg/s")
 MAX_CHANNELS = 9  # that a mapping may have
 UPWARD = {"z": "x, -y, -z", "y": "x, z, -y", "x": "y, -z, -x"}  # axes by the one that points up
+NAMED = re.compile(r"""[^\s,:\[\]{}'"]+""")  # parts of names in YAML
 NOT_COMMANDS = set(pose_columns.KINDS) - {"geometry_msgs/Pose", "geometry_msgs/PointStamped"}
 
 
@@ -61,7 +63,16 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
     is_sided = {"left", "right"} <= {line.split(":")[0].strip() for line in commanded}
     lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder, is_sided))]
     lines += ["commands:", *commanded]
-    return "\n".join(lines) + "\n"
+    text = "\n".join(lines) + "\n"
+    return text + _unused(text, with_poses[:1] + other[:1])
+
+
+def _unused(text: str, chosen: Sequence[Seen]) -> str:
+    """A line on the columns of the tables chosen that a mapping does not use; empty without any."""
+    used = set(NAMED.findall(re.sub(r"(?m)(^|\s)#.*", "", text)))
+    names = dict.fromkeys(name for seen in chosen if seen.kind == TABLE for name in seen.whole)
+    left = [name for name in names if not used.issuperset(NAMED.findall(name))]
+    return "# Columns that it does not use: %s\n" % ", ".join(left) if left else ""
 
 
 def _runs(with_poses: Sequence[Seen], scored: Sequence[Seen]) -> List[Seen]:
