@@ -812,6 +812,16 @@ def test_what_commands_mean_is_drafted_from_their_values(run, tmp_path):
     assert "off: 1511" in text and "an angle in deg" in text and "unit: percent" in text
 
 
+@pytest.mark.parametrize("names", [("lab1.csv", "lab2.csv"), ("left.csv", "right.csv"), ("day.csv", "night.csv")])
+def test_tables_that_are_runs_are_no_thrusters_of_one_run(run, tmp_path, names):
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    for number, name in enumerate(names):
+        written(folder, plain(run, x=run.x + number), name=name)
+    succeeds("info", folder, "--write-mapping", tmp_path / "m.yaml")
+    same(ground.read(folder, mapping=tmp_path / "m.yaml")[0], run)
+
+
 def test_a_draft_looks_at_the_commands_of_all_rows_and_runs(run, tmp_path):
     strong = plain(run, left=200 * run.left, right=200 * run.right)
     weak = {name: np.asarray(column) for name, column in plain(run, left=50 * run.left).items()}

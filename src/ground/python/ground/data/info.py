@@ -65,6 +65,7 @@ class Info(Shown):
     mappings: Dict[str, str]  #: the text of the mapping that was drafted to read a run, by its name
     layout: str  #: which channel drives which thruster, in a sentence; empty without a model
     read: Tuple[str, ...] = ()  #: the arguments of the command line that name the recordings
+    model: str = "MODEL"  #: the model that `read` names, as the command line takes it
     is_open: bool = False  #: whether the recordings tell nothing of which channel drives which thruster
 
     @internal
@@ -95,7 +96,7 @@ class Info(Shown):
             fits = "ground.fit(MODEL, RECORDINGS)"
             if self.read:
                 names = " ".join(map(shlex.quote, self.read))
-                fits = "rosrun ground identify fit %s --model MODEL -o fitted.yaml" % names
+                fits = "rosrun ground identify fit %s --model %s -o fitted.yaml" % (names, self.model)
             yield "Next", "%s; fit a model:\n%s" % (UNDECIDED if self.is_open else "nothing to correct", fits)
 
     def _doubtful(self) -> Dict[str, str]:
@@ -173,9 +174,13 @@ def info(recordings: Recordings, model: Optional[ModelLike] = None, progress: Pr
 
 
 def _looked_at(
-    given: Sequence[Recording], model: Optional[_core.Model], work: Work, read: Sequence[str] = ()
+    given: Sequence[Recording],
+    model: Optional[_core.Model],
+    work: Work,
+    read: Sequence[str] = (),
+    named: Optional[str] = None,
 ) -> Info:
-    """The Info of recordings. read: the arguments that name them."""
+    """The Info of recordings. read: the arguments that name them; named: the file of the model."""
     if model:
         given = [recording.with_lift_of(model) for recording in given]
     runs = repaired(given, work)
@@ -195,7 +200,7 @@ def _looked_at(
         described = [dict(d, layout=verdict.describe()) for d in described]
     shared = tuple(one.sentence for one in doubts if len(one.runs) > 1)
     mappings = {recording.name: recording.mapping for recording in recordings}
-    return Info(described, shared, mappings, layout, tuple(read), is_open)
+    return Info(described, shared, mappings, layout, tuple(read), shlex.quote(named or "MODEL"), is_open)
 
 
 def _worst(d: Document) -> List[str]:
@@ -210,7 +215,7 @@ def run(arguments: argparse.Namespace) -> List[Dict[str, object]]:
         return _write_mapping(arguments)
     model = Model.load(arguments.model).core if arguments.model else None
     given, read = list(bag_arguments.read(arguments)), bag_arguments.typed(arguments)
-    found = _looked_at(given, model, arguments.work, read)
+    found = _looked_at(given, model, arguments.work, read, arguments.model)
     for line in found.lines():
         command_line.say(arguments, line)
     return found.to_dict()
