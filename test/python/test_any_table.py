@@ -812,7 +812,9 @@ def test_what_commands_mean_is_drafted_from_their_values(run, tmp_path):
     assert "off: 1511" in text and "an angle in deg" in text and "unit: percent" in text
 
 
-@pytest.mark.parametrize("names", [("lab1.csv", "lab2.csv"), ("left.csv", "right.csv"), ("day.csv", "night.csv")])
+@pytest.mark.parametrize(
+    "names", [("lab1.csv", "lab2.csv"), ("left.csv", "right.csv"), ("day.csv", "night.csv")]
+)
 def test_tables_that_are_runs_are_no_thrusters_of_one_run(run, tmp_path, names):
     folder = tmp_path / "runs"
     folder.mkdir()

@@ -132,6 +132,26 @@ def test_another_clock_shows_under_control_too():
     assert kinds(run, run.pose_times + 0.8) == kinds(run, run.pose_times - 0.2) == ["clock"]
 
 
+@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize("lag", [0.0, 0.05, 0.1])
+def test_part_of_a_flight_under_control_is_not_misread(seed, lag):
+    """Without the take-off: the controller's answers to what the mocap sees are as large as its commands."""
+    model = ground.Model.load(MODEL)
+    slower = model.with_effect("motor_lag", tau=lag) if lag else model
+    run = ground.simulate(slower, "tracking", controller="ModelPredictive", seed=seed, duration=23)
+    poses, commands = (times > run.pose_times[0] + 8 for times in (run.pose_times, run.control_times))
+    part = dataclasses.replace(
+        run,
+        pose_times=run.pose_times[poses],
+        eta=run.eta[poses],
+        control_times=run.control_times[commands],
+        controls=run.controls[commands],
+    )
+    assert suspicions.about([part], model.core) == []
+    late = dataclasses.replace(part, control_times=part.control_times + 0.15)
+    assert "clock" in kinds(late)
+
+
 def test_the_delay_of_a_boat_may_be_its_own(tmp_path):
     boat = ground.Model.load(ROOT / "cfg" / "craft" / "twin_screw_catamaran.yaml")
     boat.with_effect("input_delay", delay=0.6).save(tmp_path / "late.yaml")

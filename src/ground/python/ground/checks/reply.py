@@ -23,6 +23,8 @@ PLACEBOS = 9  # tried lags at which no motion follows
 # Share of the accelerations that commands explain which the motion follows: at least, or by so many times
 # the share that commands of other times explain and at least the last one.
 FOLLOWS, CLEARLY, MIN_FOLLOWED = 0.1, 3.0, 0.02
+# Of what a controller's answers explain, the craft's reply does at least; of that, lags between at most
+AS_WELL, APART = 0.7, 0.5
 CERTAIN = 3.0  # standard errors beyond which an effect or a difference is certain, or excluded
 SIDES = 2.0  # standard errors on both sides of a number in a report
 AMBIGUOUS = 0.6  # noise of headings from which it is not known which way the craft turned [rad]
@@ -110,11 +112,14 @@ def regression(recording: Recording) -> Optional[Reply]:
         if best < len(lags) - 1 or lags[-1] >= turn_time(motion):
             break
         lags = lags[-1] + 2 * (lags - lags[0])  # a craft may answer later, less exactly
-    lag = float(lags[best])
+    unexplained = np.abs(kinematics.residuals(others, wanted) / scale)
+    if _answers_motion(lags, 1 - costs.sum(axis=1) / unexplained[spread].mean(axis=1).sum()):
+        lags, costs = lags[lags >= 0], costs[lags >= 0]
+    lag = float(lags[costs.sum(axis=1).argmin()])
     error, early = _timing(lags, costs, scatter.interval(motion.times))
     misfits, coefficients = regressed(lag)
     coefficients[thrust.shape[1] :] /= sizes[:, None]
-    most = np.abs(kinematics.residuals(others, wanted) / scale).mean()
+    most = unexplained.mean()
     rough = slice(None, None, 1 + len(times) // CLOCK_SAMPLES)
     chance = 1 - min(regressed(lag, rough)[0].mean() for lag in _placebos(recording)) / most
     share, power = float(1 - misfits.mean() / most), _power(motion, wanted) if chance < 0.5 * FOLLOWS else 0.0
@@ -135,6 +140,16 @@ def regression(recording: Recording) -> Optional[Reply]:
         "slow": slow is not None and bool(follows),
         "coefficients": coefficients,
     }
+
+
+def _answers_motion(lags: Array, shares: Array) -> bool:
+    """Whether commands that follow the motion are a controller's answer to it: by lags, they explain the most
+    where they come later, and apart from that much where they come first. A clock that is off leaves one such
+    lag."""
+    best, later = int(shares.argmax()), np.flatnonzero(lags >= 0)
+    first = int(later[shares[later].argmax()])
+    between = shares[best:first].min(initial=np.inf)
+    return bool(lags[best] < 0 and shares[first] > AS_WELL * shares[best] and between < APART * shares[first])
 
 
 def _timing(lags: Array, costs: Array, resolved: float) -> Tuple[float, bool]:

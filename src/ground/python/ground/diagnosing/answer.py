@@ -207,8 +207,9 @@ def _certainty(report: DiagnosisReport, step: AddedEffect) -> str:
         return "Seen, not confirmed: a refit without effects predicts as well"
     if step.p_interval > DENIED:
         return "Seen, not confirmed: given the differences between runs, it may be zero"
-    is_like = _rest(report) or _at_ends(report, step.added)
-    return sure + (" that something acts like it" if is_like else "")
+    if _rest(report) or _at_ends(report, step.added):
+        return sure + " that something acts like it"
+    return sure + (" that one of these acts" if step.others else "")
 
 
 def _predicts_as_well_without(report: DiagnosisReport) -> bool:

@@ -59,7 +59,9 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
         lines += ["#     %s" % line for c in every for line in _ranges(c)]
     lines += ["# Each of %d tables has poses and commands and is read as a run." % len(runs)] if runs else []
     lines += ["types: [%s]" % ", ".join(map(clocks.quoted, types))] if types else []
-    is_run = bool(other) and (bool(runs) or other[0] is chosen)  # others like it are other runs, not thrusters
+    is_run = bool(other) and (
+        bool(runs) or other[0] is chosen
+    )  # others like it are other runs, not thrusters
     commanded = ["  " + line for line in _command_lines(other, other[:1] if is_run else every, in_folder)]
     is_sided = {"left", "right"} <= {line.split(":")[0].strip() for line in commanded}
     lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder, is_sided))]
