@@ -13,6 +13,7 @@ from ground import _core
 from ground.analysis import bands, folds, horizon, judge, window_error, windows
 from ground.analysis.horizon import Starts
 from ground.analysis.likelihood import Likelihood
+from ground.comparing import predict
 from ground.poses import repair
 from ground.reading.recording import POSE, VELOCITY
 
@@ -151,6 +152,31 @@ def test_the_horizon_suits_the_runs():
     short = horizon.horizon([run_of(free_flyer, duration=8.0)], free_flyer())
     assert 1.0 <= short < 10.0 and len(horizon.starts([run_of(free_flyer, duration=8.0)], short)) >= 4
     assert horizon.horizon([run_of(duration=60.0, rate=11, noise=(1e-3, 1e-3, 1e-2))], hovercraft()) >= 0.9
+
+
+def test_predictions_after_a_gap_begin_at_different_times():
+    whole = run_of(duration=40.0)
+    times = np.array(whole.times)
+    seen = (times < 7.3) | (times > 8.1)
+    run = _core.RunData(
+        "run", *(np.array(rows)[seen] for rows in (times, whole.eta, whole.nu)), np.array(whole.inputs),
+        np.array(whole.poses)[seen], np.array(whole.noise),
+    )  # fmt: skip
+    first = np.array(run.times)[[window.first for window in horizon.starts([run], 1.0)]]
+    assert np.diff(first).min() > 0.4 and np.diff(first).max() < 2.0
+
+
+@pytest.mark.parametrize("rate", [30.0, 100.0, 150.3])
+def test_predictions_of_a_run_without_gaps_follow_each_other(rate):
+    run = run_of(duration=30.0, rate=rate)
+    times = np.array(run.times)
+    times = times + 1e-3 * np.random.default_rng(0).uniform(-1, 1, len(times))
+    run = _core.RunData(
+        "run", times, np.array(run.eta), np.array(run.nu), np.array(run.inputs), np.array(run.poses),
+        np.array(run.noise),
+    )  # fmt: skip
+    shown = predict.Shape.of(run, 1.0, hovercraft())
+    assert np.diff(shown.times).max() < 0.2 and shown.times[-1] > times[-1] - 1.5
 
 
 def test_what_the_mocap_leaves_is_what_the_true_model_leaves():

@@ -85,8 +85,15 @@ class Starts:
 
 def _starts_in(run: _core.RunData, index: int, seconds: float) -> List[_core.Window]:
     length, shift = (1 + WARM_UP) * seconds, WARM_UP * seconds
-    begins = [run.times[0] + i * shift for i in range(int(np.ceil(length / shift)))]
-    cut = [w for begin in begins for w in windows.cut_part(run, index, begin, run.times[-1], length)]
+    times = np.array(run.times)
+    gaps = np.flatnonzero(np.diff(times) > run.scales.max_gap)
+    cut: List[_core.Window] = []
+    for start, end in zip(
+        times[[0, *(gaps + 1)]], times[[*gaps, -1]]
+    ):  # after a gap, all would begin together
+        begins = (start + i * shift for i in range(int(np.ceil(length / shift))))
+        for begin in begins:
+            cut += windows.cut_part(run, index, begin, end, length)
     return sorted(cut, key=lambda w: int(w.first))
 
 

@@ -59,7 +59,7 @@ def predictions(report: DiagnosisReport) -> Optional[Plotly]:
         shown[1:] = [("refitted", "refitted"), ("improved", "improved")]
     if "formula" in found.errors:
         shown.append(("formula", "with the proposed formula"))
-    before, last = (off(found.errors[name]) for name, _ in shown[-2:])
+    before, last = (off(found.errors[name]) for name in (shown[min(1, len(shown) - 2)][0], shown[-1][0]))
     title = "After %.3g s predictions are off by %s, by %s before; the noise floor is %s"
     told = found.seconds, last, before, off(found.mocap)
     data = "that the refits did not use; the given model is as it was"

@@ -289,17 +289,17 @@ async function draw() {
     if (mine !== order) return;
     known = {measured, curves: curves.predicted};
     const grey = css("--measured"), colour = css("--model"), second = css("--other"), traces = [];
-    VELOCITIES.forEach(([name], i) => traces.push(line(measured.t, measured[name], "measured", grey, {line: {color: grey, width: 2.6}, yaxis: ["y", "y2", "y3"][i]})));
+    VELOCITIES.forEach(([name], i) => traces.push(line(measured.t, measured[name], "measured", grey, {line: {color: grey, width: 4}, opacity: .6, yaxis: ["y", "y2", "y3"][i]})));
+    traces.push(line(measured.y, measured.x, "measured", grey, {line: {color: grey, width: 4}, opacity: .6, xaxis: "x2", yaxis: "y5"}));
     const add = (p, name, color, dash) => { VELOCITIES.forEach(([c], i) => traces.push(line(p.t, p[c], name, color, {line: {color, width: 1.6, dash}, yaxis: ["y", "y2", "y3"][i]})));
       traces.push(line(p.y, p.x, name, color, {line: {color, width: 1.6, dash}, xaxis: "x2", yaxis: "y5"})); };
-    known.places = [3, 4, 5, 6];
+    known.places = [4, 5, 6, 7];
     add(curves.predicted, "predicted", colour);
     if (beside) add(beside.predicted, "model " + other, second, "dot");
     measured.channels.forEach((c, i) => traces.push(line(measured.t, c.y, "command " + c.name, COMMANDS[i % 4], {yaxis: "y4", line: {shape: "hv", width: 1.2, color: COMMANDS[i % 4], dash: i > 3 ? "dot" : "solid"}})));
     const keys = [["measured", grey], ["predicted", colour], ...(beside ? [["model " + other, second]] : []), ...measured.channels.map((c, i) => [(i < 2 ? "command " : "") + c.name, COMMANDS[i % 4]])];
     $("legend").replaceChildren(...keys.map(([text, color]) => { const key = make("span", {textContent: text}); key.style.setProperty("--key", color); return key; }),
       view.to - view.from > MOST || (!view.to && run.end > MOST) ? `predictions and missing force only for the first ${MOST} s: zoom in for more` : "");
-    traces.push(line(measured.y, measured.x, "measured", grey, {line: {color: grey, width: 2.6}, xaxis: "x2", yaxis: "y5"}));
     const range = [measured.t[0] ?? 0, measured.t[measured.t.length - 1] ?? 1], band = (i, count) => [1 - (i + 1) / count + .02, 1 - i / count];
     const shapes = run.cuts.map(([a, b]) => ({type: "rect", xref: "x", yref: "paper", x0: a, x1: b, y0: 0, y1: 1, fillcolor: "#888", opacity: .3, line: {width: 0}}));
     if (S.judge && S.judge[0] === view.run) shapes.push({type: "rect", xref: "x", yref: "paper", x0: S.judge[1], x1: S.judge[2], y0: 0, y1: 1, line: {color: "#e69f00", dash: "dash"}});
