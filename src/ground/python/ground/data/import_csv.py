@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 from typing import Dict, Optional, Tuple
 
 import numpy as np
@@ -18,6 +19,10 @@ from ground.support.progress import Work
 RECEIVED = "%time"
 STAMP = "field.header.stamp"
 POINT = ["field.point.x", "field.point.y", "field.point.z"]
+NO_EXPORT = (
+    "%s: no export of rostopic echo -p; other tables are read as they are, by a mapping: "
+    "identify info %s --write-mapping M.yaml"
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -48,6 +53,8 @@ def read_csv(path: str) -> Tuple[Indices, Indices, Array]:
     """Stamps, times of receipt [ns] and points (n, 3) of a `rostopic echo -p` export."""
     with containers.Tables([path]) as tables:
         columns = tables.table(os.path.basename(path))
+    if not set(POINT) & set(columns):
+        raise GroundError(NO_EXPORT % (path, shlex.quote(path)))
     times = [STAMP, RECEIVED if RECEIVED in columns else STAMP]
     numbers = containers.values(columns, [*times, *POINT], path)
     outside = ~((numbers[:, :2] > 0) & (numbers[:, :2] < END_OF_ROS)).all(axis=1)

@@ -246,8 +246,8 @@ def effects_to_try(
     known = list(dict.fromkeys([*by_default, *candidates.effects()]))
     for name in [*(only or ()), *exclude]:
         if name not in known:
-            hint = did_you_mean(name, known)
-            raise GroundError("there is no effect %s%s; there are %s" % (name, hint, ", ".join(known)))
+            hint = did_you_mean(name, known) or "; there are " + ", ".join(known)
+            raise GroundError("there is no effect %s%s" % (name, hint))
     for effect, name in zip(given, names):
         if names.count(name) > 1:
             raise GroundError("%s: another effect %s is given" % (effect.path or name, name))

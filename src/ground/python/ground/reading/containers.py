@@ -74,6 +74,10 @@ class Container:
                 if own and name.startswith(own) or not name.startswith(others)
             }
 
+    def place_of(self, topic: str) -> str:
+        """A topic as messages name it: with its file, of which a table may be the only topic."""
+        return self.path if topic == os.path.basename(self.path) else "%s: %s" % (self.path, topic)
+
     def rows(self, kind: str) -> Iterator[Dict[str, Any]]:
         """The messages of a type, by column."""
         for topic in self.of_kind(kind):

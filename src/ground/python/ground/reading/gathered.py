@@ -51,7 +51,7 @@ def read(source: Container, given: Sequence[Commands], notes: List[str]) -> Gath
 
 
 def _part(source: Container, given: Commands, notes: List[str]) -> Gathered:
-    where, columns = "%s: %s" % (source.path, given.topic), source.table(given.topic)
+    where, columns = source.place_of(given.topic), source.table(given.topic)
     channels, lift = commands.channels_of(columns, source.topics[given.topic].kind, given, where)
     sent_at, known = instants.stamps(columns, given.time, where, notes)
     backward = instants.descends(sent_at[known])

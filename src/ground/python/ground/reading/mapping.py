@@ -252,6 +252,8 @@ def load(path: str) -> FieldMapping:
         raise GroundError("%s: not YAML: %s" % (path, why))
     if not isinstance(content, dict) or "schema" not in content:
         raise GroundError("%s: not a mapping: write schema: %s" % (path, SCHEMA))
+    if str(content["schema"]).startswith("ground/") and "/mapping/" not in str(content["schema"]):
+        raise GroundError("%s: not a mapping: its schema is %s, not %s" % (path, content["schema"], SCHEMA))
     try:
         root = _plain(content)
         _check(root)

@@ -140,7 +140,7 @@ def _poses(
 ) -> Tuple[Array, float]:
     """Rows of stamp, x, y, psi in world_ned (n, 4), and the median time from stamp to receipt [s].
     GroundError when they cannot be read."""
-    where, warnings, clock = "%s: %s" % (source.path, topic), source.warnings, mapping.poses.time
+    where, warnings, clock = source.place_of(topic), source.warnings, mapping.poses.time
     columns = transforms.of_body(source, topic, source.table(topic), mapping.poses.body, warnings)
     stamps, known = instants.stamps(columns, clock, where, warnings)
     kind = source.topics[topic].kind

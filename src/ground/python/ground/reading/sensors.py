@@ -100,7 +100,7 @@ class SensorReader:
         topic = self._topic(section, given, own[0]) if given.use else ""
         if not topic:
             return None
-        kind, where = self.source.topics[topic].kind, "%s: %s" % (self.source.path, topic)
+        kind, where = self.source.topics[topic].kind, self.source.place_of(topic)
         usual = FIELDS[section].get(kind, ())
         paths = [one or other for one, other in itertools.zip_longest(own, usual, fillvalue="")]
         if not paths[0]:
