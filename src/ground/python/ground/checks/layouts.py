@@ -130,7 +130,7 @@ class LayoutVerdict:
 
     @property
     def is_unexplained(self) -> bool:
-        """Whether commands explain too little of forces or turns to support the recorded channels and heading."""
+        """Whether commands explain too little of forces or turns to support what is recorded."""
         explained = min(self.best.force, self.best.turn)
         return self.is_as_recorded and bool(self.undecided) and explained < LITTLE
 
