@@ -210,10 +210,10 @@ def test_1_dragging_a_parameter_moves_the_curves(page, bench):
     assert "of 22.0 s usable, 100 Hz" in page.text("runs")
     assert "% of full thrust" in page.text("worst") or "% of the moment of full thrust" in page.text("worst")
     page.picture("1_first")
-    before = page.js("return [...document.getElementById('motion').data[5].y]")
+    before = page.js("return [...document.getElementById('motion').data[6].y]")
     page.mouse().click_and_hold(page.browser.find_element("id", "p_N_r")).move_by_offset(70, 0).perform()
     page.until("timing.drag.length > 0 && timing.all.length > 0")
-    assert page.js("return [...document.getElementById('motion').data[5].y]") != before
+    assert page.js("return [...document.getElementById('motion').data[6].y]") != before
     assert "as it is" in page.text("number")
     assert bench.state()["current"] == 1  # only shown until the slider is let go
     page.mouse().release().perform()

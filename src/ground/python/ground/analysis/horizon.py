@@ -88,12 +88,10 @@ def _starts_in(run: _core.RunData, index: int, seconds: float) -> List[_core.Win
     times = np.array(run.times)
     gaps = np.flatnonzero(np.diff(times) > run.scales.max_gap)
     cut: List[_core.Window] = []
-    for start, end in zip(
-        times[[0, *(gaps + 1)]], times[[*gaps, -1]]
-    ):  # after a gap, all would begin together
-        begins = (start + i * shift for i in range(int(np.ceil(length / shift))))
-        for begin in begins:
-            cut += windows.cut_part(run, index, begin, end, length)
+    # each stretch by itself: behind a gap, all windows would begin together
+    for start, end in zip(times[[0, *(gaps + 1)]], times[[*gaps, -1]]):
+        for i in range(round(length / shift)):
+            cut += windows.cut_part(run, index, start + i * shift, end, length)
     return sorted(cut, key=lambda w: int(w.first))
 
 

@@ -136,7 +136,7 @@ class LayoutVerdict:
 
     @property
     def is_open(self) -> bool:
-        """Whether the recordings tell nothing of which channel drives which thruster."""
+        """Whether the recordings leave open what channels and heading are."""
         return self.is_unexplained or (bool(self.undecided) and self.open_share > HARDLY)
 
     def describe(self) -> Dict[str, object]:

@@ -106,16 +106,17 @@ def regression(recording: Recording) -> Optional[Reply]:
 
     spread = slice(None, None, 1 + len(times) // LAG_SAMPLES)
     lags, begins = LAGS, np.arange(BLOCKS) * len(times[spread]) // BLOCKS
+    unexplained = np.abs(kinematics.residuals(others, wanted) / scale)
+    most = unexplained[spread].mean(axis=1).sum()
     while True:
         costs = np.array([np.add.reduceat(regressed(lag, spread)[0], begins) for lag in lags])
+        if _answers_motion(lags, 1 - costs.sum(axis=1) / most):
+            lags, costs = lags[lags >= 0], costs[lags >= 0]
         best = int(costs.sum(axis=1).argmin())
         if best < len(lags) - 1 or lags[-1] >= turn_time(motion):
             break
         lags = lags[-1] + 2 * (lags - lags[0])  # a craft may answer later, less exactly
-    unexplained = np.abs(kinematics.residuals(others, wanted) / scale)
-    if _answers_motion(lags, 1 - costs.sum(axis=1) / unexplained[spread].mean(axis=1).sum()):
-        lags, costs = lags[lags >= 0], costs[lags >= 0]
-    lag = float(lags[costs.sum(axis=1).argmin()])
+    lag = float(lags[best])
     error, early = _timing(lags, costs, scatter.interval(motion.times))
     misfits, coefficients = regressed(lag)
     coefficients[thrust.shape[1] :] /= sizes[:, None]
@@ -145,7 +146,7 @@ def regression(recording: Recording) -> Optional[Reply]:
 def _answers_motion(lags: Array, shares: Array) -> bool:
     """Whether commands that follow the motion are a controller's answer to it: by lags, they explain the most
     where they come later, and apart from that much where they come first. A clock that is off leaves one such
-    lag."""
+    lag, unless the commands repeat themselves."""
     best, later = int(shares.argmax()), np.flatnonzero(lags >= 0)
     first = int(later[shares[later].argmax()])
     between = shares[best:first].min(initial=np.inf)

@@ -36,7 +36,7 @@ COLUMNS = (*POSE, *VELOCITY)
 # What the first velocities of a prediction to the end are fitted to: time [horizons that suit the craft], and
 # at least so many intervals between poses.
 BEGIN, BEGIN_POSES = 0.1, 5
-MOST_BEFORE = 0.1  # a part may begin before the end of the one before by so many horizons
+MOST_BEFORE = 0.1  # a start may be before the end of the part before by so many horizons: it is rounded
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -316,10 +316,9 @@ def _tiles(run: _core.RunData, seconds: float) -> Tuple[List[_core.Window], List
     splits: List[int] = []
     for window in horizons.starts([run], seconds, np.inf):
         split = int(np.searchsorted(times, times[window.first] + horizons.WARM_UP * seconds))
-        if (
-            times[split] >= free - MOST_BEFORE * seconds
-        ):  # rounded to samples, parts may begin a little before
-            splits.append(max(split, chosen[-1].last) if chosen else split)
+        begin = max(split, chosen[-1].last) if chosen else split
+        if times[split] >= free - MOST_BEFORE * seconds and begin < window.last:
+            splits.append(begin)
             chosen.append(window)
             free = times[window.last]
     return chosen, splits

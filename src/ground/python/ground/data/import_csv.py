@@ -53,7 +53,7 @@ def read_csv(path: str) -> Tuple[Indices, Indices, Array]:
     """Stamps, times of receipt [ns] and points (n, 3) of a `rostopic echo -p` export."""
     with containers.Tables([path]) as tables:
         columns = tables.table(os.path.basename(path))
-    if not set(POINT) & set(columns):
+    if not {STAMP, RECEIVED, *POINT} & set(columns):
         raise GroundError(NO_EXPORT % (path, shlex.quote(path)))
     times = [STAMP, RECEIVED if RECEIVED in columns else STAMP]
     numbers = containers.values(columns, [*times, *POINT], path)

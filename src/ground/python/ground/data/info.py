@@ -29,7 +29,7 @@ from ground.support.results import Shown, with_units
 if TYPE_CHECKING:
     import pandas
 
-UNDECIDED = "nothing seen to correct, but which channel drives which thruster is undecided (last line)"
+UNDECIDED = "nothing seen to correct, but whether channels and heading are as recorded is undecided"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -66,7 +66,7 @@ class Info(Shown):
     layout: str  #: which channel drives which thruster, in a sentence; empty without a model
     read: Tuple[str, ...] = ()  #: the arguments of the command line that name the recordings
     model: str = "MODEL"  #: the model that `read` names, as the command line takes it
-    is_open: bool = False  #: whether the recordings tell nothing of which channel drives which thruster
+    is_open: bool = False  #: whether the recordings leave open what channels and heading are
 
     @internal
     def headline(self, written: str = "") -> List[Line]:

@@ -1,11 +1,11 @@
 """Drafts of mapping files: what a file has, and what of it is probably what, with the evidence."""
 
 import math
-import re
 from dataclasses import replace
-from typing import Dict, FrozenSet, Iterator, List, Sequence, Set, Tuple
+from typing import Any, Dict, FrozenSet, Iterator, List, Sequence, Set, Tuple
 
 import numpy as np
+import yaml
 
 from ground.draft import clocks, levels, several, sightings
 from ground.draft.several import Seen
@@ -13,6 +13,7 @@ from ground.draft.undecided import CLEAR, MARK
 from ground.reading import containers, pose_columns, rows_apart, units, words
 from ground.reading.containers import RECEIVED, STAMP, TABLE, Columns, Container, Topic
 from ground.reading.mapping import ANGLES, FURTHER_LENGTHS, LENGTHS, SCHEMA
+from ground.support import bounded_yaml
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
@@ -23,7 +24,6 @@ ALIKE = 0.15  # difference of the likelihoods of two names of headings that are 
 RATES = ("rad/s", "deg/s")
 MAX_CHANNELS = 9  # that a mapping may have
 UPWARD = {"z": "x, -y, -z", "y": "x, z, -y", "x": "y, -z, -x"}  # axes by the one that points up
-NAMED = re.compile(r"""[^\s,:\[\]{}'"]+""")  # parts of names in YAML
 NOT_COMMANDS = set(pose_columns.KINDS) - {"geometry_msgs/Pose", "geometry_msgs/PointStamped"}
 
 
@@ -59,10 +59,10 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
         lines += ["#     %s" % line for c in every for line in _ranges(c)]
     lines += ["# Each of %d tables has poses and commands and is read as a run." % len(runs)] if runs else []
     lines += ["types: [%s]" % ", ".join(map(clocks.quoted, types))] if types else []
-    is_run = bool(other) and (
-        bool(runs) or other[0] is chosen
-    )  # others like it are other runs, not thrusters
-    commanded = ["  " + line for line in _command_lines(other, other[:1] if is_run else every, in_folder)]
+    if other and (runs or other[0] is chosen):
+        # tables like a run are other runs, and no further thrusters of it
+        every = [seen for seen in every if not seen.poses and not runs]
+    commanded = ["  " + line for line in _command_lines(other, every, in_folder)]
     is_sided = {"left", "right"} <= {line.split(":")[0].strip() for line in commanded}
     lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder, is_sided))]
     lines += ["commands:", *commanded]
@@ -71,11 +71,21 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
 
 
 def _unused(text: str, chosen: Sequence[Seen]) -> str:
-    """A line on the columns of the tables chosen that a mapping does not use; empty without any."""
-    used = set(NAMED.findall(re.sub(r"(?m)(^|\s)#.*", "", text)))
+    """A line on the numbers in the tables chosen that a mapping does not use; empty without any."""
+    used = set(_texts(yaml.load(text, bounded_yaml.LOADER)))
     names = dict.fromkeys(name for seen in chosen if seen.kind == TABLE for name in seen.whole)
-    left = [name for name in names if not used.issuperset(NAMED.findall(name))]
-    return "# Columns that it does not use: %s\n" % ", ".join(left) if left else ""
+    left = [name for name in names if name not in used]
+    return "# Columns of numbers that it does not use: %s\n" % ", ".join(left) if left else ""
+
+
+def _texts(content: Any) -> Iterator[str]:
+    """The texts in a document but for units, with and without a minus before them."""
+    if isinstance(content, str):
+        yield from (content, content.lstrip("-"))
+    elif isinstance(content, (list, dict)):
+        inner = content if isinstance(content, list) else [content[key] for key in content if key != "unit"]
+        for one in inner:
+            yield from _texts(one)
 
 
 def _runs(with_poses: Sequence[Seen], scored: Sequence[Seen]) -> List[Seen]:

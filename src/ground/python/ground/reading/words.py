@@ -87,7 +87,7 @@ VALID = {"valid", "tracked", "tracking", "visible", "lost", "occluded"}  # flags
 CHANNELS = {  # of a usual craft, by the words that name them
     "left": set("left port l links backbord gauche izquierda izquierdo sinistra sinistro vänster".split()),
     "right": set(
-        "right starboard stbd star r rechts steuerbord droite droit derecha derecho destra höger".split()
+        "right starboard stbd r rechts steuerbord droite droit derecha derecho destra höger".split()
     ),
     "lift": set("lift hover skirt levitation levitate cushion auftrieb sustentation".split()),
 }
