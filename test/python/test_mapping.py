@@ -59,7 +59,7 @@ def test_options_come_before_the_file(tmp_path):
 
 
 WRONG = [
-    ("schema: ground/mapping/1", "schema: ground/model/1", "its schema is ground/model/1, not ground/mapping/1"),
+    ("schema: ground/mapping/1", "schema: ground/model/1", "its schema is ground/model/1"),
     ("schema: ground/mapping/1", "", "not a mapping: write schema: ground/mapping/1"),
     ("unit: mm", "unit: inch", "poses.position.unit: 'inch' is not one of .*'m', 'cm', 'mm'"),
     ("scale: 2", "scale: fast", "poses.position.scale: must be a number"),
