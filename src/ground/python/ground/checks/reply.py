@@ -23,7 +23,8 @@ PLACEBOS = 9  # tried lags at which no motion follows
 # Share of the accelerations that commands explain which the motion follows: at least, or by so many times
 # the share that commands of other times explain and at least the last one.
 FOLLOWS, CLEARLY, MIN_FOLLOWED = 0.1, 3.0, 0.02
-# Of what a controller's answers explain, the craft's reply does at least; of that, lags between at most
+# Two lags are a controller's answer and the craft's reply if the reply explains at least this share of what
+# the answer explains, and some lag between them explains at most this share of what the reply explains.
 AS_WELL, APART = 0.7, 0.5
 CERTAIN = 3.0  # standard errors beyond which an effect or a difference is certain, or excluded
 SIDES = 2.0  # standard errors on both sides of a number in a report
@@ -144,9 +145,10 @@ def regression(recording: Recording) -> Optional[Reply]:
 
 
 def _answers_motion(lags: Array, shares: Array) -> bool:
-    """Whether commands that follow the motion are a controller's answer to it: by lags, they explain the most
-    where they come later, and apart from that much where they come first. A clock that is off leaves one such
-    lag, unless the commands repeat themselves."""
+    """Whether the lag that explains the most is a controller's answer to the motion. shares: of the
+    accelerations that the commands explain, by lag. In a closed loop, they have a peak at a negative lag, the
+    answer, and another one at a positive lag, the craft's reply. A wrong clock leaves one peak, unless the
+    commands are periodic."""
     best, later = int(shares.argmax()), np.flatnonzero(lags >= 0)
     first = int(later[shares[later].argmax()])
     between = shares[best:first].min(initial=np.inf)

@@ -36,7 +36,8 @@ COLUMNS = (*POSE, *VELOCITY)
 # What the first velocities of a prediction to the end are fitted to: time [horizons that suit the craft], and
 # at least so many intervals between poses.
 BEGIN, BEGIN_POSES = 0.1, 5
-MOST_BEFORE = 0.1  # a start may be before the end of the part before by so many horizons: it is rounded
+# Largest overlap of successive parts [horizons] that rounding to samples explains; it is cut off
+MOST_BEFORE = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)

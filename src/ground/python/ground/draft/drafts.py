@@ -72,7 +72,10 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
 
 def _unused(text: str, chosen: Sequence[Seen]) -> str:
     """A line on the numbers in the tables chosen that a mapping does not use; empty without any."""
-    used = set(_texts(yaml.load(text, bounded_yaml.LOADER)))
+    try:
+        used = set(_texts(yaml.load(text, bounded_yaml.LOADER)))
+    except yaml.YAMLError:  # a name has characters that YAML does not take: the draft has to be completed
+        return ""
     names = dict.fromkeys(name for seen in chosen if seen.kind == TABLE for name in seen.whole)
     left = [name for name in names if name not in used]
     return "# Columns of numbers that it does not use: %s\n" % ", ".join(left) if left else ""
