@@ -201,7 +201,8 @@ def check_replay(log, bag):
 
 
 def check_prediction(bag):
-    """How far the model was off after a second, live and by `identify compare` on the recording."""
+    """How far the model was off after a second, live and by `identify compare` on the recording. Both judge
+    8 s, from starts of their own: some 15 of them are a sample that scatters by a fifth."""
     with rosbag.Bag(str(bag)) as messages:
         errors = [m.eta_error for _, m, _ in messages.read_messages("/model_error") if m.excited]
     squares = np.mean(np.array(errors) ** 2, axis=0)
@@ -209,8 +210,8 @@ def check_prediction(bag):
     (run,) = json_of("compare", "--numbers", "--model", MODEL, "-o", bag.with_suffix(""), bag)["runs"]
     (found,) = [h for h in run["models"]["tiny_whoover"]["horizons"] if h["seconds"] == 1.0]
     print(live, found)  # to see on failure
-    assert live[0] == pytest.approx(found["position_mm"], rel=0.2)
-    assert live[1] == pytest.approx(found["heading_deg"], rel=0.2)
+    assert live[0] == pytest.approx(found["position_mm"], rel=0.4)
+    assert live[1] == pytest.approx(found["heading_deg"], rel=0.4)
 
 
 def test_an_experiment_is_recorded_and_replayed(tmp_path):
