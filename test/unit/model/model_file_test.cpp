@@ -223,6 +223,18 @@ TEST(ModelFile, FormulasMayBeInTheFrameOfTheWorld) {
             std::string::npos);
 }
 
+TEST(ModelFile, HalfAConditionalIsRefused) {
+  for (const char* formula : {"a*u:u", "-(a:u)", "+(a:u)", "sin(a:u)", "min(u, a:u)", "a*(u:v)", "u > (a:v)",
+                              "u && (a:v)", "(a:u) ? a : u", "u ? (a:v) : a", "u ? a : (a:v)", "(a:u):(u:a)",
+                              "u ? a", "u ? a ? v : a", "a ? u : v : a"}) {
+    const std::string said = complaint(std::string(kGood) + effectText("gust", formula));
+    EXPECT_NE(said.find(std::string("X = '") + formula + "': there is a"), std::string::npos) << said;
+  }
+  for (const char* formula :
+       {"u > 0 ? a : -a", "a*(u > 0 ? v > 0 ? 1 : u : v)", "a*(u > 0 ? 1 : v > 0 ? 2 : u)"})
+    EXPECT_EQ(complaint(std::string(kGood) + effectText("gust", formula)), "") << formula;
+}
+
 TEST(ModelFile, TellsAtWhichVoltageThrustHolds) {
   std::string text = kGood;
   text.replace(text.find(", input_max: 1"), 14, ", input_max: 1, volts: 7.4");

@@ -12,7 +12,11 @@
 namespace ground {
 namespace {
 
-Symbol symbolAt(double place) { return Trace::current().symbolAt(static_cast<int>(place)); }
+/// The pair of a conditional (see Tracer) has a negative place and no value.
+Symbol symbolAt(double place) {
+  if (place < 0) throw mu::ParserError("there is a ':' without its '?'");
+  return Trace::current().symbolAt(static_cast<int>(place));
+}
 double placeOf(const Symbol& symbol) { return Trace::current().placeOf(symbol); }
 
 Symbol numberOf(const Condition& condition) { return select(condition, 1.0, 0.0); }
@@ -144,7 +148,7 @@ class Tracer final : public mu::ParserBase {
     return -static_cast<double>(pairs().size());
   }
   static double chosen(double condition, double pair) {
-    if (pair >= 0) throw mu::ParserError("? without :");
+    if (pair >= 0) throw mu::ParserError("there is a '?' without its ':'");
     const auto [a, b] = pairs()[static_cast<std::size_t>(-pair) - 1];
     if (b < 0) {  // a conditional in the middle: its own alternative comes first
       const auto [c, d] = pairs()[static_cast<std::size_t>(-b) - 1];
