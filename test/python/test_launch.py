@@ -858,17 +858,8 @@ def test_what_cannot_be_is_refused_before_anything_starts(name, wrong, capfd):
 def test_a_launch_without_a_room_warns_that_there_is_no_fence(room, warns, tmp_path):
     port, log = free_port(socket.SOCK_DGRAM), tmp_path / "log"
 
-    with roslaunch(log, "sim_tracking.launch", "controller:=none", "port:=%d" % port, *room):
-        wait_for(lambda: in_use(port), 60, "the sender")
+    arguments = ["controller:=none", "port:=%d" % port, *room]
+    with roslaunch(log, "sim_tracking.launch", *arguments, ROSCONSOLE_STDOUT_LINE_BUFFERED="1"):
+        wait_for(lambda: "listening on UDP port %d" % port in log.read_text(), 60, "the sender")
     said = log.read_text()
-    assert "listening on UDP port %d" % port in said
     assert len([line for line in said.splitlines() if "WARN" in line and "no fence" in line]) == warns
-
-
-def in_use(port):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("", port))
-        except OSError:
-            return True
-    return False
