@@ -30,6 +30,7 @@ from ground.workshop import work
 from ground.workshop.session import SCHEMA
 
 LAG, SLOPE = 0.05, 0.005
+COMPUTED = 1800  # until a fit or a search has ended, however busy the computer is [s]
 FLYER = SHARED.parent / "others" / "stanford_freeflyer"
 PICTURES = os.environ.get("WORKBENCH_PICTURES")  # folder for a picture of each step
 
@@ -137,7 +138,7 @@ class Page:
     def js(self, text, *arguments):
         return self.browser.execute_script(text, *arguments)
 
-    def until(self, condition, seconds=120):
+    def until(self, condition, seconds=300):
         """Waits for a condition in JavaScript."""
         return waiting(self.browser, seconds).until(lambda b: b.execute_script("return " + condition))
 
@@ -268,12 +269,12 @@ def test_4_effects_fill_the_list_and_adding_lets_the_error_fall(page, bench):
     page.click("search")
     page.until("S.search.state === 'running' && S.search.rows.length > 10")
     page.picture("4_searching")
-    page.until("S.search.rows.some(row => row.effect === 'motor_lag' && row.prediction)", 300)
+    page.until("S.search.rows.some(row => row.effect === 'motor_lag' && row.prediction)", COMPUTED)
     page.click("stop")
     page.until("S.search.state === 'stopped'")
     before = error(bench.state())
     page.js("document.querySelector('[data-effect=motor_lag]').click()")
-    page.until("S.nodes.some(n => n.kind === 'add')", 300)
+    page.until("S.nodes.some(n => n.kind === 'add')", COMPUTED)
     page.settled()
     assert error(bench.state()) < 0.5 * before
     assert "It helps" in page.text("said")
@@ -295,15 +296,15 @@ def test_5_a_formula_is_read_judged_and_added(page, bench):
     page.until("document.querySelector('#parsed .no')")
     field.send_keys("v")
     page.until("document.getElementById('parsed').textContent.includes('a in N s2/m2')")
-    page.until("/not shown to help|it helps/.test(document.getElementById('parsed').textContent)", 300)
+    page.until("/not shown to help|it helps/.test(document.getElementById('parsed').textContent)", COMPUTED)
     page.picture("5_formula")
     field.clear()
     for name, text in (("fX", "g*cos(psi)"), ("fY", "-g*sin(psi)")):
         page.browser.find_element("id", name).send_keys(text)
-    page.until("/g in N; error .* it helps/.test(document.getElementById('parsed').textContent)", 300)
+    page.until("/g in N; error .* it helps/.test(document.getElementById('parsed').textContent)", COMPUTED)
     before, count = error(bench.state()), len(bench.state()["nodes"])
     page.click("addformula")
-    page.until("S.nodes.length === %d" % (count + 1), 300)
+    page.until("S.nodes.length === %d" % (count + 1), COMPUTED)
     assert error(bench.state()) < 0.5 * before
     page.settled()
     assert "at the noise floor" in page.text("number")
@@ -313,7 +314,7 @@ def test_5_a_formula_is_read_judged_and_added(page, bench):
 
 def test_6_what_was_done_is_a_script_with_the_same_numbers(page, bench):
     page.click("save")
-    page.until("document.getElementById('said').textContent.startsWith('Saved')", 300)
+    page.until("document.getElementById('said').textContent.startsWith('Saved')", COMPUTED)
     page.picture("6_saved")
     same_numbers(bench)
     same_by_shell(bench)
@@ -492,7 +493,7 @@ def test_what_a_search_found_comes_first_and_is_added_at_once(own_browser, tmp_p
     page.js("act('select', {node: 2})")
     page.until("S.current === 2")
     page.click("search")
-    page.until("S.search.state === 'done'", 300)
+    page.until("S.search.state === 'done'", COMPUTED)
     fits(page, "found")
     rows = page.browser.find_elements("css selector", "#effects li")
     drag = rows[1].text
@@ -506,7 +507,7 @@ def test_what_a_search_found_comes_first_and_is_added_at_once(own_browser, tmp_p
     assert page.js(bottom) < 768  # one need not scroll to it
 
     page.click("addfound")
-    page.until("S.nodes.length === 3", 300)
+    page.until("S.nodes.length === 3", COMPUTED)
     page.settled()
     assert page.text("said").startswith("Added thrust_asymmetry and quadratic_drag: ")
     assert "It helps" in page.text("said")
@@ -520,7 +521,7 @@ def test_what_a_search_found_comes_first_and_is_added_at_once(own_browser, tmp_p
     page.until("S.opened === 1")
     assert page.text("said") == ""
     page.js("document.querySelector('[data-effect=momentum_drag]').click()")
-    page.until("S.nodes.length === 4", 300)
+    page.until("S.nodes.length === 4", COMPUTED)
     page.settled()
     assert page.text("said").startswith("Added momentum_drag")
     fits(page, "more")
@@ -535,7 +536,7 @@ def test_what_a_search_found_comes_first_and_is_added_at_once(own_browser, tmp_p
     page.js("document.getElementById('others').open = true; $('nexttext').scrollIntoView()")
     fits(page, "opened")
     page.click("save")
-    page.until("document.getElementById('said').textContent.startsWith('Saved')", 300)
+    page.until("document.getElementById('said').textContent.startsWith('Saved')", COMPUTED)
     same_numbers(bench)
     same_by_shell(bench)
     bench.end()
@@ -554,7 +555,7 @@ def story(bench, browser, name, whole_search=True):
     page.mouse().click_and_hold(slider).move_by_offset(40, 0).release().perform()
     page.until("S.current === 2")
     page.click("fit")
-    page.until("S.nodes.some(n => n.kind === 'fit')", 300)
+    page.until("S.nodes.some(n => n.kind === 'fit')", COMPUTED)
     page.settled()
     assert error(bench.state()) < error(bench.state(), 2)
     end = page.js("return known.measured.t.at(-1)")
@@ -569,10 +570,10 @@ def story(bench, browser, name, whole_search=True):
     page.until("S.opened === 1")
     page.picture(name + "_2_fitted")
     page.click("search")
-    page.until("S.search.rows.some(row => row.prediction)", 600)
+    page.until("S.search.rows.some(row => row.prediction)", COMPUTED)
     page.picture(name + "_3_searching")
     if whole_search:
-        page.until("S.search.state === 'done'", 600)
+        page.until("S.search.state === 'done'", COMPUTED)
         page.settled()
         assert page.text("answer") and page.text("nexttext")
     else:
@@ -582,7 +583,7 @@ def story(bench, browser, name, whole_search=True):
     page.picture(name + "_3_searched")
     best = page.js("return S.search.rows[0].effect")
     page.js("document.querySelector(`[data-effect=${arguments[0]}]`).click()", best)
-    page.until("S.nodes.some(n => n.kind === 'add')", 600)
+    page.until("S.nodes.some(n => n.kind === 'add')", COMPUTED)
     page.settled()
     said, node = page.text("said"), bench.state()["nodes"][-1]
     assert ("It helps" if node["helps"] else "Not shown to help") in said
@@ -593,10 +594,10 @@ def story(bench, browser, name, whole_search=True):
     field = page.browser.find_element("id", "fY")
     field.clear()
     field.send_keys("a*abs(u)*v")
-    page.until("/a in N s2.m2; error .* help/.test(document.getElementById('parsed').textContent)", 300)
+    page.until("/a in N s2.m2; error .* help/.test(document.getElementById('parsed').textContent)", COMPUTED)
     page.picture(name + "_5_formula")
     page.click("save")
-    page.until("document.getElementById('said').textContent.startsWith('Saved')", 300)
+    page.until("document.getElementById('said').textContent.startsWith('Saved')", COMPUTED)
     same_numbers(bench)
     lines = [line for line in browser.get_log("browser") if line["level"] == "SEVERE"]
     assert [line for line in lines if "400" not in line["message"]] == []
@@ -646,7 +647,7 @@ def test_an_hour_and_twenty_runs_are_drawn_thinned(own_browser, tmp_path):
     page.until("view.from > 900")
     page.settled()
     page.js("const s = $('p_k'); s.value = 600; s.oninput()")
-    page.until("timing.drag.length && timing.all.length", 300)
+    page.until("timing.drag.length && timing.all.length", COMPUTED)
     page.js("$('p_k').onchange()")
     page.until("S.current === 2")
     page.settled()
@@ -836,7 +837,7 @@ def test_speed(page, bench):
     for _ in range(3):
         node = page.js("return S.current")
         page.js("begin('add', 'yaw_bias')")
-        page.until("S.current !== %d && !S.running.length" % node, 300)
+        page.until("S.current !== %d && !S.running.length" % node, COMPUTED)
         page.settled()
         page.click("undo")
         page.until("S.current === %d" % node)
