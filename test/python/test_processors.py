@@ -15,7 +15,7 @@ from test_downstream import devel_space
 
 pytestmark = slow
 COMPARING = ("test/python/test_track.py::test_the_mvwt_tracks_as_in_the_thesis",)
-PAGES = ("test/python/test_examples.py",)
+PAGES = ("test/python/test_examples.py::test_pages_show_what_their_commands_print[tutorial.md]",)
 # Settings of NumPy, OpenBLAS and the C library
 PLAIN = {
     "NPY_DISABLE_CPU_FEATURES": " ".join(
