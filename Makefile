@@ -1,6 +1,6 @@
 # make demo: finds a hidden effect (SEED=2: another one; EFFECT=motor_lag: that one); make test: runs all tests.
 # Both first install missing packages (as root or through sudo) and build what has changed.
-# make test SLOW=1: also those that build the wheel and another package, and run the commands of pages
+# make test SLOW=1: also those that build the wheel and another package, and run the commands of more pages than the tutorial
 SHELL := /bin/bash
 # ROS 1 needs the system's Python, which may not be the first python3 in PATH.
 export PATH := /usr/bin:$(PATH)
@@ -36,7 +36,7 @@ test: $(configured)
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
 
 # make test on what is committed, in a clean Debian 12, where nothing has been installed before. CI runs lint and docs there, too.
-# SLOW=1: every test, before a release
+# SLOW=1: with the slow tests, as before a release
 fresh:
 	@clone=$$(mktemp -d /var/tmp/ground-clone.XXXXXX) && trap 'rm -rf "$$clone"' EXIT && \
 	  git clone --quiet . "$$clone/ground" && ln -s "$$(realpath -m ../shared)" "$$clone/shared" && \

@@ -35,7 +35,6 @@ NOT_RUN = {
     "docs/howto/workbench.md": "serves until Ctrl-C; test_workbench.py does what the page says",
     "docs/howto/without_ros.md": "installs packages; test_wheel.py does so in an environment of its own",
 }
-FIRST = ("tutorial.md",)  # the session that runs without SLOW=1, too
 RECORDED = """
 import ground, os
 model = ground.Model.load("cfg/hovercraft/tiny_whoover.yaml")
@@ -74,8 +73,9 @@ BEFORE = {
 }
 
 
-@pytest.mark.parametrize(
-    "session", [pytest.param(s, marks=[slow] * (s != FIRST), id=s[0]) for s in examples.SESSIONS]
+@pytest.mark.parametrize(  # the tutorial runs without SLOW=1, too
+    "session",
+    [pytest.param(s, marks=[slow] * (s is not examples.SESSIONS[0]), id=s[0]) for s in examples.SESSIONS],
 )
 def test_pages_show_what_their_commands_print(session):
     assert examples.checked_session([examples.DOCS / name for name in session]) == []
